@@ -1,0 +1,1 @@
+"""GTSAM factors over an object's pose, scale and learnt shape code."""

@@ -1,0 +1,153 @@
+"""The 2D factor: rays of one view end on the object where the depth image says so (paper L_2D, equ:2d_loss)."""
+
+from dataclasses import dataclass
+
+import gtsam
+import numpy as np
+import torch
+from torch import Tensor
+
+from factors.base import Annealing, ObservationFactor
+from factors.decoder import Decoder, SdfJet
+from factors.errors import FactorError
+from factors.rays import RayCells, Rays, box_interval, choose_cells, coarse_depths
+from factors.reduce import Rows
+from factors.rendering import FullDistribution, RayTargets, RenderedRows, Renderer
+from factors.sdf import SdfQuery, metres_per_unit, query_points, sdf_jacobian
+from factors.state import ObjectKeys
+from factors.weighting import Weighting
+
+
+@dataclass(frozen=True)
+class RaySampling:
+    """How finely rays are cut."""
+
+    coarse: int = 16
+    """Equal steps through the object's box that find the surface, at every refresh."""
+    cells: int = 14
+    """Cells a ray that the factor decodes at every evaluation."""
+
+
+@dataclass(frozen=True)
+class _Frozen:
+    rays: np.ndarray
+    """Indices of the rays that meet the box."""
+    cells: RayCells
+    targets: RayTargets
+    p_camera: np.ndarray
+    metres: Tensor
+    sdf_sigma: Tensor
+    spread: Tensor
+    weight: Tensor
+    slope: float
+
+
+class DepthFactor(ObservationFactor):
+    """Scores of the rendered depth of one view's rays.
+
+    Frozen by `refresh`: which rays meet the object's box, their cells, each cell's metres per canonical unit
+    and standard deviation, the occupancy slope and each ray's spread.
+    """
+
+    def __init__(
+        self,
+        keys: ObjectKeys,
+        decoder: Decoder,
+        camera: gtsam.Pose3 | int,
+        rays: Rays,
+        *,
+        renderer: Renderer | None = None,
+        prior_sigma: float = 0.0,
+        weighting: Weighting | None = None,
+        sampling: RaySampling | None = None,
+    ) -> None:
+        """`prior_sigma` is the decoder's standard deviation in canonical units."""
+        super().__init__(keys, decoder, camera)
+        self._rays = rays
+        self._renderer = renderer or FullDistribution()
+        self._prior_sigma = prior_sigma
+        self._weighting = weighting or Weighting()
+        self._sampling = sampling or RaySampling()
+        self._frozen: _Frozen | None = None
+
+    @property
+    def is_frozen(self) -> bool:
+        return self._frozen is not None
+
+    def refresh(self, values: gtsam.Values, annealing: Annealing = Annealing()) -> None:  # noqa: B008
+        state, camera = self.state(values), self.T_world_camera(values)
+        near, far = box_interval(state, camera, self._rays.directions_camera)
+        meets = np.flatnonzero(far - near > 1e-3)
+        targets = RayTargets(
+            *(torch.as_tensor(getattr(self._rays, name)[meets]) for name in ("depth", "hit", "sigma"))
+        )
+        cells = self._choose_cells(state, camera, near[meets], far[meets], meets, targets, annealing)
+        p_camera = self._points(meets, cells.depth)
+        query = query_points(self.decoder, state, camera, p_camera)
+        jet = self.decoder.linearize(query.p_object, query.code[None])
+        self.remember(query, jet.value, jet)
+        metres = metres_per_unit(jet.d_point, state).double().view_as(cells.depth)
+        sdf, sdf_sigma = metres * jet.value.double().view_as(metres), self._prior_sigma * metres
+        spread = self._renderer.freeze(sdf, sdf_sigma.clamp_min(1e-6), cells, targets, annealing.slope)
+        self._frozen = _Frozen(
+            meets, cells, targets, p_camera, metres, sdf_sigma.clamp_min(1e-6), spread,
+            self._weighting.per_row(spread), annealing.slope,
+        )  # fmt: skip
+
+    def points_camera(self) -> np.ndarray:
+        return self._held.p_camera
+
+    def loss_of(self, value: Tensor) -> float:
+        return float((self._held.weight * self._render(value).loss).sum())
+
+    def rows_of(self, query: SdfQuery, jet: SdfJet) -> Rows:
+        frozen = self._held
+        rendered = self._render(jet.value)
+        root = frozen.weight.sqrt()[:, None]
+        residual = (root * rendered.residual).flatten()
+        rows = self._quantity_jacobian(query, jet, root[..., None] * rendered.d_sdf)
+        speaks = (residual != 0) | (rows.abs().amax(dim=1) > 0)
+        loss = float((frozen.weight * rendered.loss).sum())
+        return Rows(rows[speaks], residual[speaks], loss)
+
+    def _quantity_jacobian(self, query: SdfQuery, jet: SdfJet, d_sdf: Tensor) -> Tensor:
+        """Chain rule: rows (r * q, d) of quantities whose derivative w.r.t. the cells' metric SDF is (r, q, k)."""
+        metres = self._held.metres
+        jacobian = sdf_jacobian(query, jet, self.has_camera_key).double().unflatten(0, metres.shape)
+        return torch.bmm(d_sdf * metres[:, None, :], jacobian).flatten(0, 1)
+
+    def _render(self, value: Tensor) -> RenderedRows:
+        frozen = self._held
+        sdf = frozen.metres * value.double().view_as(frozen.metres)
+        return self._renderer.render(
+            sdf, frozen.sdf_sigma, frozen.cells, frozen.targets, frozen.slope, frozen.spread
+        )
+
+    def _choose_cells(
+        self,
+        state,
+        camera: gtsam.Pose3,
+        near: np.ndarray,
+        far: np.ndarray,
+        meets: np.ndarray,
+        targets: RayTargets,
+        annealing: Annealing,
+    ) -> RayCells:
+        start, end = torch.as_tensor(near), torch.as_tensor(far)
+        coarse = coarse_depths(start, end, self._sampling.coarse)
+        query = query_points(self.decoder, state, camera, self._points(meets, coarse))
+        with torch.no_grad():
+            sdf = self.decoder(query.p_object, query.code[None]).double().view_as(coarse)
+        metres = float(np.exp(state.log_scale.mean()))
+        band = max(2.0 / annealing.slope, 0.5 * metres / self._sampling.coarse)
+        return choose_cells(start, end, metres * sdf, targets.depth, self._sampling.cells, band)
+
+    def _points(self, rays: np.ndarray, depth: Tensor) -> np.ndarray:
+        directions = self._rays.directions_camera[rays]
+        return (directions[:, None, :] * depth.numpy()[:, :, None]).reshape(-1, 3)
+
+    @property
+    def _held(self) -> _Frozen:
+        if self._frozen is None:
+            raise FactorError("a DepthFactor must be refreshed before its parts are evaluated")
+        return self._frozen

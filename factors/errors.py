@@ -1,0 +1,9 @@
+"""The errors that this library raises; every one derives from `ObjectGraphError`."""
+
+
+class ObjectGraphError(Exception):
+    """Base of every error of `factors` and `objgraph`: catch this one to catch them all."""
+
+
+class FactorError(ObjectGraphError, ValueError):
+    """A factor was given, or has computed, something that must not reach the optimiser."""

@@ -1,0 +1,112 @@
+"""Camera rays through an object's box, and the cells along them at which the object is decoded."""
+
+from dataclasses import dataclass
+
+import gtsam
+import numpy as np
+import torch
+from jaxtyping import Bool, Float
+from torch import Tensor
+
+from factors.errors import FactorError
+from factors.state import ObjectState
+
+BOX_HALF_SIZE = 0.55
+"""Half the edge of the canonical cube that holds every shape (diagonal 1, so no half extent exceeds 0.5)."""
+
+
+@dataclass(frozen=True)
+class Rays:
+    """What the pixels of one view say about where rays end; directions have z = 1, so lengths are z-depths."""
+
+    directions_camera: Float[np.ndarray, "r 3"]
+    depth: Float[np.ndarray, "r"]
+    """z-depth in metres of the surface for a hit; for a free ray how far it is known to be free (inf: all)."""
+    hit: Bool[np.ndarray, "r"]
+    """True where the ray ends on the object, False where it passes it."""
+    sigma: Float[np.ndarray, "r"]
+    """The sensor's standard deviation at that depth, metres."""
+
+    def __post_init__(self) -> None:
+        n = len(self.directions_camera)
+        if n == 0 or self.directions_camera.shape != (n, 3):
+            raise FactorError(f"rays of shape {self.directions_camera.shape}: (r, 3) with r > 0 is due")
+        for name in ("depth", "hit", "sigma"):
+            if getattr(self, name).shape != (n,):
+                raise FactorError(f"`{name}` of the rays must have {n} entries")
+        if not np.isfinite(self.directions_camera).all() or np.isnan(self.depth).any():
+            raise FactorError("ray directions and depths must not be NaN: drop pixels without depth first")
+        if not np.isfinite(self.depth[self.hit]).all() or not (self.sigma > 0).all():
+            raise FactorError("a hit needs a finite depth, and every ray a positive standard deviation")
+
+
+@dataclass(frozen=True)
+class RayCells:
+    """A partition of each ray's way through the object's box; frozen while a quadratic is minimised."""
+
+    depth: Float[Tensor, "r k"]
+    """z-depth of each cell's sample, its middle."""
+    width: Float[Tensor, "r k"]
+    """Length of each cell along z, metres."""
+    far: Float[Tensor, "r"]
+    """Where the ray leaves the box."""
+
+
+def box_interval(
+    state: ObjectState, T_world_camera: gtsam.Pose3, directions_camera: Float[np.ndarray, "r 3"]
+) -> tuple[Float[np.ndarray, "r"], Float[np.ndarray, "r"]]:
+    """z-depths at which rays enter and leave the object's canonical box; near >= far where they miss it."""
+    origin = state.to_object(np.asarray(T_world_camera.translation())[None])[0]
+    R_object_camera = state.T_world_object.rotation().matrix().T @ T_world_camera.rotation().matrix()
+    direction = directions_camera @ R_object_camera.T / state.scale
+    direction = np.where(np.abs(direction) < 1e-12, 1e-12, direction)
+    bounds = (np.array([[-BOX_HALF_SIZE], [BOX_HALF_SIZE]])[:, :, None] - origin) / direction
+    near = bounds.min(axis=0).max(axis=-1)
+    far = bounds.max(axis=0).min(axis=-1)
+    return np.maximum(near, 1e-3), far
+
+
+def coarse_depths(near: Float[Tensor, "r"], far: Float[Tensor, "r"], count: int) -> Float[Tensor, "r c"]:
+    """Middles of `count` equal cells between near and far."""
+    fraction = (torch.arange(count, dtype=near.dtype) + 0.5) / count
+    return near[:, None] + fraction * (far - near)[:, None]
+
+
+def choose_cells(
+    near: Float[Tensor, "r"],
+    far: Float[Tensor, "r"],
+    coarse_sdf: Float[Tensor, "r c"],
+    observed: Float[Tensor, "r"],
+    count: int,
+    band: float,
+) -> RayCells:
+    """`count` cells a ray, fine where the coarse SDF (metres) is within `band` of zero and at the observation.
+
+    Edges are quantiles of a density over the ray, and the edge nearest to the observed depth is moved onto it,
+    so that no cell straddles the step of the observation.
+    """
+    coarse = coarse_sdf.shape[1]
+    step = (far - near) / coarse
+    middle = coarse_depths(near, far, coarse)
+    density = torch.exp(-0.5 * (coarse_sdf / band) ** 2)
+    density = density + 0.5 * torch.exp(-0.5 * ((middle - observed[:, None]) / band) ** 2) + 0.05
+    cumulative = torch.cat([torch.zeros_like(near)[:, None], density.cumsum(dim=1)], dim=1)
+    cumulative = cumulative / cumulative[:, -1:]
+    quantile = torch.linspace(0, 1, count + 1, dtype=near.dtype).expand(len(near), -1).contiguous()
+    right = torch.searchsorted(cumulative, quantile).clamp(1, coarse)
+    left_mass, right_mass = cumulative.gather(1, right - 1), cumulative.gather(1, right)
+    edges = near[:, None] + step[:, None] * (right - 1 + (quantile - left_mass) / (right_mass - left_mass))
+    return _cells(_snap(edges, observed), far)
+
+
+def _snap(edges: Float[Tensor, "r k+1"], observed: Float[Tensor, "r"]) -> Float[Tensor, "r k+1"]:
+    inner = edges[:, 1:-1]
+    nearest = (inner - observed[:, None]).abs().argmin(dim=1, keepdim=True)
+    inside = (observed > edges[:, 0]) & (observed < edges[:, -1])
+    moved = torch.where(inside, observed, inner.gather(1, nearest)[:, 0])
+    inner = inner.scatter(1, nearest, moved[:, None])
+    return torch.cat([edges[:, :1], inner, edges[:, -1:]], dim=1)
+
+
+def _cells(edges: Float[Tensor, "r k+1"], far: Float[Tensor, "r"]) -> RayCells:
+    return RayCells(0.5 * (edges[:, 1:] + edges[:, :-1]), edges.diff(dim=1), far)

@@ -1,0 +1,121 @@
+"""An object's state (pose, log-scale, shape code) and where it lives in a `gtsam.Values`."""
+
+from dataclasses import dataclass, replace
+
+import gtsam
+import numpy as np
+from gtsam.symbol_shorthand import O, S, Z
+from jaxtyping import Float
+
+from factors.errors import FactorError
+
+POSE_DOF = 6
+SCALE_DOF = 3
+CAMERA_DOF = 6
+RIGID_DOF = POSE_DOF + SCALE_DOF
+"""Size of the 9-DoF block: rotation, translation, log-scale."""
+
+
+@dataclass(frozen=True)
+class ObjectKeys:
+    """The three GTSAM keys of one object."""
+
+    pose: int
+    """`Pose3`, T_world_object."""
+    log_scale: int
+    """`Vector(3)`, logarithm of the metres per canonical unit along the object's own axes."""
+    code: int
+    """`Vector(l)`, the shape code."""
+
+    @classmethod
+    def numbered(cls, index: int) -> "ObjectKeys":
+        """The default keys o{index}, s{index}, z{index}."""
+        return cls(O(index), S(index), Z(index))
+
+    def __iter__(self):
+        return iter((self.pose, self.log_scale, self.code))
+
+
+@dataclass(frozen=True)
+class ObjectState:
+    """Pose, scale and shape of one object; `p_world = T_world_object (exp(log_scale) * p_object)`.
+
+    This is the paper's 9-DoF pose (eq:9dof) read object-to-world, with the scale along the object's axes.
+    """
+
+    T_world_object: gtsam.Pose3
+    log_scale: Float[np.ndarray, "3"]
+    code: Float[np.ndarray, "l"]
+
+    @classmethod
+    def from_values(cls, values: gtsam.Values, keys: ObjectKeys) -> "ObjectState":
+        return cls(values.atPose3(keys.pose), values.atVector(keys.log_scale), values.atVector(keys.code))
+
+    def insert(self, values: gtsam.Values, keys: ObjectKeys) -> None:
+        """Add this state to `values`; raises FactorError naming the key if one is taken."""
+        for key in keys:
+            if values.exists(key):
+                raise FactorError(f"the key {gtsam.DefaultKeyFormatter(key)} is already in the values")
+        values.insert(keys.pose, self.T_world_object)
+        values.insert(keys.log_scale, np.asarray(self.log_scale, dtype=float))
+        values.insert(keys.code, np.asarray(self.code, dtype=float))
+
+    def update(self, values: gtsam.Values, keys: ObjectKeys) -> None:
+        """Overwrite the state that `values` holds under `keys`."""
+        values.update(keys.pose, self.T_world_object)
+        values.update(keys.log_scale, np.asarray(self.log_scale, dtype=float))
+        values.update(keys.code, np.asarray(self.code, dtype=float))
+
+    def retract(self, delta: Float[np.ndarray, "9+l"]) -> "ObjectState":
+        """Move along the tangent [rotation, translation, log-scale, code], pose in the body frame."""
+        return replace(
+            self,
+            T_world_object=self.T_world_object.retract(delta[:POSE_DOF]),
+            log_scale=self.log_scale + delta[POSE_DOF:RIGID_DOF],
+            code=self.code + delta[RIGID_DOF:],
+        )
+
+    @property
+    def scale(self) -> Float[np.ndarray, "3"]:
+        """Metres per canonical unit along the object's axes."""
+        return np.exp(self.log_scale)
+
+    @property
+    def matrix(self) -> Float[np.ndarray, "4 4"]:
+        """T·R·S as one matrix: homogeneous canonical object coordinates to world coordinates."""
+        matrix = self.T_world_object.matrix().copy()
+        matrix[:3, :3] *= self.scale
+        return matrix
+
+    @property
+    def xi_world_object(self) -> Float[np.ndarray, "9"]:
+        """[t, phi, s] of T_world_object, in the order of paper eq:9dof_lie_algebra."""
+        rotation = gtsam.Rot3.Logmap(self.T_world_object.rotation())
+        return np.concatenate([self.T_world_object.translation(), rotation, self.scale])
+
+    @property
+    def xi_object_world(self) -> Float[np.ndarray, "9"]:
+        """[t, phi, s] of the paper's world-to-object transform; raises FactorError for anisotropic scale.
+
+        The inverse of T·R·S has the form T·R·S only where the three scales are equal.
+        """
+        scale = self.scale
+        if np.ptp(scale) > 1e-9 * scale.max():
+            raise FactorError(
+                f"the scale {scale} is anisotropic, so the world-to-object transform has no T·R·S form: "
+                "use xi_world_object or matrix"
+            )
+        inverse = self.T_world_object.inverse()
+        return np.concatenate(
+            [inverse.translation() / scale, gtsam.Rot3.Logmap(inverse.rotation()), 1.0 / scale]
+        )
+
+    def to_object(self, p_world: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
+        """Canonical object coordinates of world points: exp(-s) * R^T (p_world - t)."""
+        R_world_object = self.T_world_object.rotation().matrix()
+        return (p_world - self.T_world_object.translation()) @ R_world_object / self.scale
+
+    def to_world(self, p_object: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
+        """World coordinates of canonical object points."""
+        R_world_object = self.T_world_object.rotation().matrix()
+        return (p_object * self.scale) @ R_world_object.T + self.T_world_object.translation()

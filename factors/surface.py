@@ -1,0 +1,98 @@
+"""The 3D factor: measured surface points lie where the object's SDF is zero (paper L_3D, equ:3d_loss)."""
+
+from typing import NamedTuple
+
+import gtsam
+import numpy as np
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from factors.base import Annealing, ObservationFactor
+from factors.decoder import Decoder, SdfJet
+from factors.errors import FactorError
+from factors.reduce import Rows
+from factors.score import energy_score, majorizing_weight
+from factors.sdf import SdfQuery, metres_per_unit, propagated_variance, query_points, sdf_jacobian
+from factors.state import ObjectKeys
+from factors.weighting import Weighting
+
+
+class _Frozen(NamedTuple):
+    metres: Float[Tensor, "n"]
+    """Metres per canonical SDF unit."""
+    sigma: Float[Tensor, "n"]
+    weight: Float[Tensor, "n"]
+
+
+class SurfaceFactor(ObservationFactor):
+    """Energy scores of the SDF at the surface points of one view, in metres.
+
+    Frozen by `refresh`: each point's metres per canonical unit, and its standard deviation, which joins the
+    sensor's, the prior's own error and, where `state_covariance` is given, the propagated one of
+    paper eq:sdf_variance.
+    """
+
+    def __init__(
+        self,
+        keys: ObjectKeys,
+        decoder: Decoder,
+        camera: gtsam.Pose3 | int,
+        points_camera: Float[np.ndarray, "n 3"],
+        sigma: Float[np.ndarray, "n"],
+        *,
+        prior_sigma: float = 0.0,
+        weighting: Weighting | None = None,
+        state_covariance: Float[np.ndarray, "d d"] | Float[np.ndarray, "d"] | None = None,
+    ) -> None:
+        """`sigma` is the sensor's standard deviation in metres; `prior_sigma` the decoder's, canonical."""
+        super().__init__(keys, decoder, camera)
+        points_camera, sigma = np.asarray(points_camera, dtype=float), np.asarray(sigma, dtype=float)
+        if points_camera.ndim != 2 or points_camera.shape[1] != 3 or len(points_camera) == 0:
+            raise FactorError(f"surface points of shape {points_camera.shape}: (n, 3) with n > 0 is due")
+        if sigma.shape != points_camera.shape[:1] or not (sigma > 0).all():
+            raise FactorError("every surface point needs a positive standard deviation")
+        if not np.isfinite(points_camera).all():
+            raise FactorError("surface points must be finite: drop pixels without depth first")
+        self._points_camera = points_camera
+        self._sensor_sigma = torch.as_tensor(sigma)
+        self._prior_sigma = prior_sigma
+        self._weighting = weighting or Weighting()
+        self._state_covariance = None if state_covariance is None else torch.as_tensor(state_covariance)
+        self._frozen: _Frozen | None = None
+
+    @property
+    def is_frozen(self) -> bool:
+        return self._frozen is not None
+
+    def refresh(self, values: gtsam.Values, annealing: Annealing = Annealing()) -> None:  # noqa: B008
+        state, camera = self.state(values), self.T_world_camera(values)
+        query = query_points(self.decoder, state, camera, self._points_camera)
+        jet = self._jet(query)
+        metres = metres_per_unit(jet.d_point, state).double()
+        variance = self._sensor_sigma**2 + (self._prior_sigma * metres) ** 2
+        if self._state_covariance is not None:
+            jacobian = metres[:, None] * sdf_jacobian(query, jet, camera=False).double()
+            variance = variance + propagated_variance(jacobian, self._state_covariance)
+        sigma = variance.sqrt()
+        self._frozen = _Frozen(metres, sigma, self._weighting.per_row(sigma))
+
+    def points_camera(self) -> np.ndarray:
+        return self._points_camera
+
+    def loss_of(self, value: Tensor) -> float:
+        metres, sigma, weight = self._held
+        return float((weight * energy_score(metres * value.double(), sigma)).sum())
+
+    def rows_of(self, query: SdfQuery, jet: SdfJet) -> Rows:
+        metres, sigma, weight = self._held
+        mu = metres * jet.value.double()
+        root = (weight * majorizing_weight(mu, sigma)).sqrt()
+        jacobian = sdf_jacobian(query, jet, self.has_camera_key).double()
+        return Rows((root * metres)[:, None] * jacobian, root * mu, self.loss_of(jet.value))
+
+    @property
+    def _held(self) -> _Frozen:
+        if self._frozen is None:
+            raise FactorError("a SurfaceFactor must be refreshed before its parts are evaluated")
+        return self._frozen

@@ -1,0 +1,1 @@
+"""Object-level mapping with learnt shape priors, as a factor graph."""

@@ -1,0 +1,30 @@
+"""The one colour scale for surface standard deviations, used by the map's meshes and its pictures."""
+
+from collections.abc import Iterable
+
+import matplotlib
+import numpy as np
+from jaxtyping import Float, UInt8
+from matplotlib.colors import Colormap, ListedColormap
+
+_COLORMAP = "viridis"
+"""Perceptually uniform, and readable by the colour-blind."""
+_DARKEST = 0.22
+"""Where the scale begins on the colour map: what is below would be black in a shaded picture."""
+
+
+def sigma_colormap() -> Colormap:
+    """The scale's colours, least uncertain first."""
+    return ListedColormap(matplotlib.colormaps[_COLORMAP](np.linspace(_DARKEST, 1, 256)))
+
+
+def sigma_limit(sigmas: Iterable[Float[np.ndarray, "v"] | None]) -> float | None:
+    """The top of the scale in metres: the 98th percentile over all objects; None without any sigma."""
+    present = [sigma for sigma in sigmas if sigma is not None and len(sigma)]
+    return max(float(np.percentile(np.concatenate(present), 98)), 1e-6) if present else None
+
+
+def sigma_colors(sigma: Float[np.ndarray, "v"], limit: float) -> UInt8[np.ndarray, "v 3"]:
+    """RGB of standard deviations in metres on the scale from 0 to `limit`; what lies above takes the top."""
+    shares = np.clip(np.asarray(sigma, float) / limit, 0, 1)
+    return np.round(255 * sigma_colormap()(shares)[:, :3]).astype(np.uint8)

@@ -1,0 +1,215 @@
+"""What the loaders share: reading images, matrices and JSON with errors that name the file, and lazy frames."""
+
+import json
+import logging
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from jaxtyping import Float, Int, UInt8
+
+from objgraph.errors import DatasetError
+from objgraph.observation import Frame, FrameSource, GroundTruth, Intrinsics
+
+log = logging.getLogger(__name__)
+
+_RIGID_TOLERANCE = 1e-2
+_INVALID_DEPTH = np.iinfo(np.uint16).max
+
+
+class LazyFrames(FrameSource):
+    """Frames that a function reads when they are asked for; nothing is kept."""
+
+    def __init__(self, names: Sequence[str], read: Callable[[str], Frame]) -> None:
+        self.names = tuple(names)
+        self._read = read
+
+    def __len__(self) -> int:
+        return len(self.names)
+
+    def __getitem__(self, index: int) -> Frame:
+        return self._read(self.names[index])
+
+
+class LazyTruth(Mapping[int, GroundTruth]):
+    """Ground truth that is read when the evaluation first asks for it; mapping never pays for it."""
+
+    def __init__(self, read: Callable[[], dict[int, GroundTruth]]) -> None:
+        self._read = read
+
+    @cached_property
+    def _truth(self) -> dict[int, GroundTruth]:
+        return self._read()
+
+    def __getitem__(self, instance_id: int) -> GroundTruth:
+        return self._truth[instance_id]
+
+    def __iter__(self) -> Iterator[int]:
+        return iter(self._truth)
+
+    def __len__(self) -> int:
+        return len(self._truth)
+
+
+def read_bytes(path: Path) -> bytes:
+    """The file's content; `DatasetError` where it is missing or unreadable."""
+    try:
+        return path.read_bytes()
+    except OSError as error:
+        raise DatasetError(f"{path}: cannot be read ({error.strerror}); is the data set complete?") from error
+
+
+def read_json(path: Path) -> Any:
+    try:
+        return json.loads(read_bytes(path))
+    except ValueError as error:
+        raise DatasetError(f"{path}: no valid JSON ({error}); download it again") from error
+
+
+def read_matrix(path: Path, rows: int, columns: int) -> np.ndarray:
+    """A matrix of numbers in text; it may hold NaN and infinity."""
+    text = read_bytes(path).decode("utf-8", errors="replace")
+    try:
+        matrix = np.array([float(word) for word in text.split()])
+    except ValueError as error:
+        raise DatasetError(f"{path}: no matrix of numbers ({error})") from error
+    if matrix.size != rows * columns:
+        raise DatasetError(f"{path}: holds {matrix.size} numbers instead of a {rows}x{columns} matrix")
+    return matrix.reshape(rows, columns)
+
+
+def decode_color(data: bytes, origin: object, shape: tuple[int, int]) -> UInt8[np.ndarray, "h w 3"]:
+    """RGB, resized to `shape` (height, width) where the colour camera has another resolution."""
+    color = _decode(data, origin, cv2.IMREAD_COLOR)
+    if color.shape[:2] != shape:
+        color = cv2.resize(color, shape[::-1], interpolation=cv2.INTER_AREA)
+    return cv2.cvtColor(color, cv2.COLOR_BGR2RGB).astype(np.uint8)
+
+
+def decode_depth(data: bytes, origin: object, shift: float) -> Float[np.ndarray, "h w"]:
+    """Metres from a 16-bit image; see `metric_depth`."""
+    raw = _decode(data, origin, cv2.IMREAD_UNCHANGED)
+    if raw.dtype != np.uint16 or raw.ndim != 2:
+        raise DatasetError(f"{origin}: depth must be a 16-bit one-channel image, not {raw.dtype} {raw.shape}")
+    return metric_depth(raw, shift)
+
+
+def metric_depth(raw: np.ndarray, shift: float) -> Float[np.ndarray, "h w"]:
+    """Metres from integer depth of `shift` units a metre; 0 and 65535 both mean no depth and become 0."""
+    return np.where(raw == _INVALID_DEPTH, 0.0, raw / shift)
+
+
+def decode_instances(data: bytes, origin: object, shape: tuple[int, int]) -> Int[np.ndarray, "h w"]:
+    """Instance ids; an image of the colour camera's resolution is resized by nearest neighbour to `shape`.
+
+    A mask whose proportions differ from those of `shape` by more than 2 % belongs to another camera and
+    raises `DatasetError`.
+    """
+    ids = _decode(data, origin, cv2.IMREAD_UNCHANGED)
+    if ids.ndim != 2 or ids.dtype not in (np.uint8, np.uint16):
+        raise DatasetError(
+            f"{origin}: a mask must be a one-channel integer image, not {ids.dtype} {ids.shape}"
+        )
+    if ids.shape != shape:
+        if abs(ids.shape[1] / ids.shape[0] * shape[0] / shape[1] - 1) > 0.02:
+            raise DatasetError(
+                f"{origin}: the mask is {ids.shape[1]}x{ids.shape[0]} pixels and the depth image "
+                f"{shape[1]}x{shape[0]}: other proportions, so not the same view"
+            )
+        ids = cv2.resize(ids, shape[::-1], interpolation=cv2.INTER_NEAREST_EXACT)
+    return ids.astype(np.int32)
+
+
+def rigid_or_reason(matrix: Float[np.ndarray, "4 4"]) -> Float[np.ndarray, "4 4"] | str:
+    """The pose with its rotation made exactly orthonormal, or why it is none.
+
+    Rotations that are off by up to 1 % (single precision, few digits in the file) are accepted.
+    """
+    if not np.isfinite(matrix).all():
+        return "it holds NaN or infinity"
+    rotation = matrix[:3, :3]
+    error = np.abs(rotation.T @ rotation - np.eye(3)).max()
+    if error > _RIGID_TOLERANCE or np.abs(matrix[3] - [0, 0, 0, 1]).max() > _RIGID_TOLERANCE:
+        return f"it is not rigid (R^T R is off by {error:.2g})"
+    if np.linalg.det(rotation) < 0:
+        return "its rotation is a reflection"
+    u, _, vt = np.linalg.svd(rotation)
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = u @ vt, matrix[:3, 3]
+    return pose
+
+
+def usable_poses(
+    names: Sequence[str], read: Callable[[str], Float[np.ndarray, "4 4"]], folder: Path
+) -> dict[str, Float[np.ndarray, "4 4"]]:
+    """T_world_camera by frame name, without the frames that have none; each of these is logged.
+
+    Raises `DatasetError` where no frame remains.
+    """
+    poses = {}
+    for name in names:
+        try:
+            pose = rigid_or_reason(read(name))
+        except DatasetError as error:
+            pose = str(error)
+        if isinstance(pose, str):
+            log.warning("%s: frame %s is left out, its pose cannot be used: %s", folder, name, pose)
+        else:
+            poses[name] = pose
+    if not poses:
+        raise DatasetError(f"{folder}: none of the {len(names)} frames has depth and a usable pose")
+    return poses
+
+
+def intrinsics_from(
+    matrix: Float[np.ndarray, "r c"],
+    origin: object,
+    width: int,
+    height: int,
+    size: tuple[int, int] | None = None,
+) -> Intrinsics:
+    """A camera of `width` x `height` pixels from its matrix.
+
+    `size` (width, height) is the resolution that the matrix was made for, where the data set says it: the
+    matrix is scaled to the image. Where it does not, a principal point more than a tenth of the image away
+    from the middle raises `DatasetError`: the matrix is for another resolution.
+    """
+    fx, fy, cx, cy = matrix[0, 0], matrix[1, 1], matrix[0, 2], matrix[1, 2]
+    if not np.isfinite([fx, fy, cx, cy]).all() or min(fx, fy) <= 0:
+        raise DatasetError(f"{origin}: no camera matrix (fx {fx}, fy {fy}, cx {cx}, cy {cy})")
+    if size is not None and size != (width, height):
+        sx, sy = width / size[0], height / size[1]
+        if abs(sx / sy - 1) > 0.02:
+            raise DatasetError(
+                f"{origin}: the intrinsics are for {size[0]}x{size[1]} pixels, the images have {width}x{height}: "
+                "other proportions, so scaling cannot bring them together"
+            )
+        # pixel centres lie at integers, so the image's corner is at -0.5
+        fx, fy, cx, cy = fx * sx, fy * sy, (cx + 0.5) * sx - 0.5, (cy + 0.5) * sy - 0.5
+    if abs(cx - (width - 1) / 2) > 0.1 * width or abs(cy - (height - 1) / 2) > 0.1 * height:
+        raise DatasetError(
+            f"{origin}: the principal point ({cx:.1f}, {cy:.1f}) is far from the middle of the {width}x{height} "
+            "images: the intrinsics are for another resolution; use the file that belongs to these images"
+        )
+    return Intrinsics(float(fx), float(fy), float(cx), float(cy), width, height)
+
+
+def pick_scene(names: Sequence[str], scene: str | None, folder: Path) -> str:
+    """`scene` if it is one of `names`, the only one if none was asked for; else an error that lists them."""
+    if scene is None and len(names) == 1:
+        return names[0]
+    if scene in names:
+        return str(scene)
+    listed = ", ".join(names[:20]) + (f" and {len(names) - 20} more" if len(names) > 20 else "")
+    problem = "several scenes: name one" if scene is None else f"no scene '{scene}'"
+    raise DatasetError(f"{folder}: {problem}; available: {listed}" if names else f"{folder}: no scenes here")
+
+
+def _decode(data: bytes, origin: object, flags: int) -> np.ndarray:
+    image = cv2.imdecode(np.frombuffer(data, np.uint8), flags) if data else None
+    if image is None:
+        raise DatasetError(f"{origin}: no readable image (truncated or damaged); download or export it again")
+    return image

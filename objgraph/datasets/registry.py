@@ -1,0 +1,75 @@
+"""The data sets that can be mapped, by name."""
+
+import inspect
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol
+
+from objgraph.datasets import scannet, sevenscenes
+from objgraph.errors import DatasetError
+from objgraph.observation import Scan
+
+
+class Load(Protocol):
+    """Reads a scan; further keyword options are the loader's own."""
+
+    def __call__(self, root: Path, scene: str | None = None) -> Scan: ...
+
+
+class Scenes(Protocol):
+    """Names of the scans under a data set's folder."""
+
+    def __call__(self, root: Path) -> list[str]: ...
+
+
+@dataclass(frozen=True)
+class Loader:
+    """A data set's two functions."""
+
+    load: Load
+    scenes: Scenes
+
+
+_LOADERS: dict[str, Loader] = {
+    "scannet": Loader(scannet.load, scannet.scenes),
+    "sevenscenes": Loader(sevenscenes.load, sevenscenes.scenes),
+}
+
+
+def datasets() -> list[str]:
+    """Names that `load_scan` knows."""
+    return sorted(_LOADERS)
+
+
+def register(name: str, loader: Loader) -> None:
+    """Make a data set of the caller's own known under `name`; an existing name is an error."""
+    if name in _LOADERS:
+        raise DatasetError(f"a data set '{name}' is registered already")
+    _LOADERS[name] = loader
+
+
+def scenes(dataset: str, root: Path) -> list[str]:
+    """Names of the scans under `root`."""
+    return _loader(dataset).scenes(Path(root))
+
+
+def load_scan(dataset: str, root: Path, scene: str | None = None, **options: Any) -> Scan:
+    """The scan `scene` of a data set under `root`; None where there is only one.
+
+    `options` are those of the loader (see its `load`). Raises `DatasetError` for an unknown data set, scene or
+    option (it lists those available), and for files that are missing or damaged.
+    """
+    load = _loader(dataset).load
+    known = [p.name for p in inspect.signature(load).parameters.values() if p.kind is p.KEYWORD_ONLY]
+    unknown = sorted(set(options) - set(known))
+    if unknown:
+        raise DatasetError(
+            f"data set '{dataset}' has no option {', '.join(unknown)}; it has {', '.join(known)}"
+        )
+    return load(Path(root), scene, **options)
+
+
+def _loader(dataset: str) -> Loader:
+    if dataset not in _LOADERS:
+        raise DatasetError(f"no data set '{dataset}'; available: {', '.join(datasets())}")
+    return _LOADERS[dataset]

@@ -1,0 +1,44 @@
+"""The back-end's typed errors; each message names the file, frame or object and what to do."""
+
+from factors.errors import FactorError, ObjectGraphError
+
+
+class DatasetError(ObjectGraphError, ValueError):
+    """A data set's file is missing, truncated, or holds what it must not."""
+
+
+class ObservationError(ObjectGraphError, ValueError):
+    """A frame or mask cannot be used to observe an object."""
+
+
+class InitialisationError(ObjectGraphError):
+    """No initial pose could be found for an object."""
+
+
+class PriorError(ObjectGraphError, ValueError):
+    """A shape prior is missing, corrupt, or does not fit the request."""
+
+
+class SolveError(ObjectGraphError):
+    """The optimisation failed; the message names the object or the key."""
+
+
+class EvaluationError(ObjectGraphError, ValueError):
+    """An estimate or a ground truth cannot be measured: its mesh is empty or flat, or its pose is no pose."""
+
+
+class MapError(ObjectGraphError, ValueError):
+    """A saved map cannot be read or written."""
+
+
+__all__ = [
+    "DatasetError",
+    "EvaluationError",
+    "FactorError",
+    "InitialisationError",
+    "MapError",
+    "ObjectGraphError",
+    "ObservationError",
+    "PriorError",
+    "SolveError",
+]

@@ -1,0 +1,64 @@
+"""Checks of a map's fields: each returns the value cleaned or raises `MapError` naming `where`."""
+
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from objgraph.errors import MapError
+
+
+def array(where: str, value: Any, shape: tuple[int | None, ...], dtype: type) -> np.ndarray | None:
+    """A read-only copy of finite numbers; None in `shape` stands for any length."""
+    if value is None:
+        return None
+    try:
+        numbers = np.array(value, float)
+    except (TypeError, ValueError) as error:
+        raise MapError(f"{where} is no array of numbers ({error})") from error
+    fits = len(shape) == numbers.ndim
+    if not fits or any(want not in (None, n) for want, n in zip(shape, numbers.shape, strict=True)):
+        wanted = " x ".join("any" if n is None else str(n) for n in shape)
+        raise MapError(f"{where} has shape {numbers.shape} where {wanted} is expected")
+    if not np.isfinite(numbers).all():
+        raise MapError(f"{where} is not finite")
+    numbers = numbers.astype(dtype)
+    numbers.flags.writeable = False
+    return numbers
+
+
+def number(where: str, value: Any) -> float | None:
+    """A finite number."""
+    if value is None:
+        return None
+    try:
+        if isinstance(value, str):
+            raise TypeError("text")
+        result = float(value)
+    except (TypeError, ValueError, OverflowError) as error:
+        raise MapError(f"{where} is no number ({value!r})") from error
+    if not np.isfinite(result):
+        raise MapError(f"{where} is not finite ({result})")
+    return result
+
+
+def whole(where: str, value: Any) -> int | None:
+    """A whole number."""
+    result = number(where, value)
+    if result is not None and result != int(result):
+        raise MapError(f"{where} is no whole number ({value!r})")
+    return None if result is None else int(result)
+
+
+def plain(where: str, value: Any) -> bool | str | float | None:
+    """A truth value, a text or a finite number, as JSON has them."""
+    if isinstance(value, bool | np.bool_):
+        return bool(value)
+    return value if isinstance(value, str) else number(where, value)
+
+
+def is_rigid(T: Float[np.ndarray, "4 4"]) -> bool:
+    """Whether a matrix is a rotation and a translation, to the precision of a text file."""
+    R = T[:3, :3]
+    orthonormal = np.allclose(R.T @ R, np.eye(3), atol=1e-4) and np.linalg.det(R) > 0
+    return bool(orthonormal and np.allclose(T[3], [0, 0, 0, 1], atol=1e-9))

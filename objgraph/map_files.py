@@ -1,0 +1,141 @@
+"""A map's folder: one JSON document beside one GLB a mesh, committed all at once.
+
+The meshes have their content's hash in their names, so a new one never overwrites one that the old document
+names; the document is replaced last. A crash at any moment leaves the old map or the new one, whole.
+"""
+
+import hashlib
+import io
+import json
+import os
+import tempfile
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import trimesh
+from jaxtyping import Float, Int, UInt8
+
+from objgraph.errors import MapError
+
+DOCUMENT = "map.json"
+_SIGMA = "_SIGMA"
+"""GLB's name of the attribute that holds each vertex's standard deviation in metres."""
+
+
+class Surface(NamedTuple):
+    """A mesh as it lies in a GLB file; GLB holds single precision."""
+
+    vertices: Float[np.ndarray, "v 3"]
+    faces: Int[np.ndarray, "f 3"]
+    sigma: Float[np.ndarray, "v"] | None
+
+
+def encode_surface(surface: Surface, colors: UInt8[np.ndarray, "v 3"] | None) -> bytes:
+    """The bytes of a GLB file with the surface, its colours, and its sigma as the attribute `_SIGMA`."""
+    mesh = trimesh.Trimesh(surface.vertices, surface.faces, vertex_colors=colors, process=False)
+    if surface.sigma is not None:
+        mesh.vertex_attributes[_SIGMA] = surface.sigma.astype(np.float32)
+    data = mesh.export(file_type="glb")
+    if not isinstance(data, bytes):
+        raise MapError(f"a mesh of {len(surface.vertices)} vertices could not be written as GLB")
+    return data
+
+
+def read_surface(path: Path) -> Surface:
+    """The surface in a GLB file that `encode_surface` wrote.
+
+    Raises:
+        MapError: the file is missing, truncated, or holds something else than one triangle mesh.
+    """
+    try:
+        scene = trimesh.load_scene(io.BytesIO(path.read_bytes()), file_type="glb", process=False)
+        (mesh,) = scene.geometry.values()
+        sigma = mesh.vertex_attributes.get(_SIGMA)
+        vertices, faces = np.array(mesh.vertices, float), np.array(mesh.faces, np.int64)
+    except FileNotFoundError as error:
+        raise MapError(f"{path}: the map names this mesh but it is not there; save the map again") from error
+    except Exception as error:  # trimesh raises whatever the broken bytes make it stumble over
+        raise MapError(f"{path}: not a GLB file with one triangle mesh ({error})") from error
+    return Surface(vertices, faces, None if sigma is None else np.array(sigma, float).reshape(-1))
+
+
+def surface_name(identifier: int, data: bytes) -> str:
+    """The file name of object `identifier`'s mesh."""
+    return f"object_{identifier}_{hashlib.sha256(data).hexdigest()[:8]}.glb"
+
+
+def read_document(folder: Path) -> dict[str, Any]:
+    """The map's JSON document.
+
+    Raises:
+        MapError: there is none, or it is no JSON object.
+    """
+    path = folder / DOCUMENT
+    try:
+        document = json.loads(path.read_text(encoding="utf-8"), parse_constant=_refuse_constant)
+    except FileNotFoundError as error:
+        raise MapError(f"{path}: there is no map here; give the folder that a map was saved into") from error
+    except (OSError, ValueError, RecursionError) as error:
+        raise MapError(f"{path}: not a readable JSON document ({error})") from error
+    if not isinstance(document, dict):
+        raise MapError(f"{path}: holds a {type(document).__name__} where a map's object was expected")
+    return document
+
+
+def commit(folder: Path, document: Mapping[str, Any], surfaces: Mapping[str, bytes]) -> None:
+    """Write the meshes, then replace the document, then remove the meshes that only the old one named.
+
+    Other files in the folder are left alone.
+
+    Raises:
+        MapError: the folder cannot be written, or the document holds a number JSON does not have.
+    """
+    try:
+        text = json.dumps(document, indent=1, allow_nan=False)
+    except (TypeError, ValueError) as error:
+        raise MapError(f"{folder / DOCUMENT}: the map cannot be written as JSON ({error})") from error
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        stale = _named_surfaces(folder) - set(surfaces)
+        for name, data in surfaces.items():
+            _replace(folder / name, data)
+        _replace(folder / DOCUMENT, text.encode())
+        for name in stale:
+            (folder / name).unlink(missing_ok=True)
+    except OSError as error:
+        raise MapError(f"{folder}: the map cannot be written here ({error})") from error
+
+
+def _named_surfaces(folder: Path) -> set[str]:
+    """Files of this folder that the present document, if it can be read, calls its meshes."""
+    try:
+        objects = read_document(folder).get("objects", [])
+        names = {entry.get("mesh") for entry in objects}
+    except (MapError, TypeError, AttributeError):
+        return set()
+    return {name for name in names if isinstance(name, str) and is_plain_name(name)}
+
+
+def is_plain_name(name: str) -> bool:
+    """Whether a mesh's file name stays inside the map's folder and is a GLB's."""
+    return name == os.path.basename(name) and "\\" not in name and name.endswith(".glb")
+
+
+def _replace(path: Path, data: bytes) -> None:
+    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+    try:
+        with os.fdopen(handle, "wb") as file:
+            file.write(data)
+            file.flush()
+            os.fsync(file.fileno())
+        os.chmod(temporary, 0o644)
+        os.replace(temporary, path)
+    except BaseException:
+        Path(temporary).unlink(missing_ok=True)
+        raise
+
+
+def _refuse_constant(name: str) -> float:
+    raise ValueError(f"{name} is no JSON number")

@@ -1,0 +1,143 @@
+"""Tables of a map for the terminal."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+from rich.markup import escape
+from rich.table import Table
+from rich.text import Text
+
+from objgraph import summary
+from objgraph.map import MappedObject, ObjectMap
+
+_NONE = "-"
+
+
+@dataclass(frozen=True)
+class Criterion:
+    """What counts as a success; those of the paper are `CRITERIA`."""
+
+    label: str
+    passes: Callable[[Mapping[str, Any]], bool]
+
+
+CRITERIA = (
+    Criterion("pose", lambda e: e.get("pose_correct") is True),
+    Criterion("IoU > 0.25", lambda e: e.get("box_iou") is not None and e["box_iou"] > 0.25),
+    Criterion("Chamfer < 20 cm", lambda e: e.get("chamfer_m") is not None and e["chamfer_m"] < 0.2),
+)
+"""Pose within 20 cm, 20 degrees and 20 % of scale; oriented boxes overlap; surfaces agree."""
+
+
+def map_table(object_map: ObjectMap) -> Table:
+    """One row an object: its size, place and heading with standard deviations, and what mapping it took."""
+    counts = f"{len(object_map.mapped)} of {len(object_map.objects)} objects mapped"
+    table = Table(title=f"Map of {escape(object_map.scene)}: {counts}")
+    for label in ("id", "object", "size, m\nw x h x d"):
+        table.add_column(label, justify="left" if label == "object" else "right", no_wrap=True)
+    for label in ("position ± std, m\nx, y, z", "heading\n± std, °", "cost"):
+        table.add_column(label, justify="right")
+    for label in ("views", "time\ns"):
+        table.add_column(label, justify="right", no_wrap=True)
+    table.add_column("status")
+    for entry in object_map.objects:
+        table.add_row(
+            str(entry.id),
+            escape(entry.category),
+            _size(entry.size_m),
+            _position(entry),
+            _heading(entry, object_map.up_world),
+            _cost(entry),
+            str(len(entry.views)),
+            _NONE if entry.seconds is None else f"{entry.seconds:.1f}",
+            _status(entry),
+        )
+    return table
+
+
+def evaluation_table(object_map: ObjectMap) -> Table | None:
+    """One row an object with ground truth: errors and which criteria it meets; None without ground truth."""
+    judged = [entry for entry in object_map.objects if entry.evaluation is not None]
+    if not judged:
+        return None
+    table = Table(
+        title=f"Against ground truth: {escape(object_map.scene)}", caption=evaluation_summary(object_map)
+    )
+    table.add_column("id", justify="right")
+    table.add_column("object", no_wrap=True)
+    for label in ("translation\n(cm)", "rotation\n(deg)", "scale\n(%)", "box IoU", "Chamfer\n(cm)"):
+        table.add_column(label, justify="right", no_wrap=True)
+    for criterion in CRITERIA:
+        table.add_column(criterion.label.replace(" ", "\n", 1), justify="center", no_wrap=True)
+    for entry in judged:
+        e = entry.evaluation or {}
+        table.add_row(
+            str(entry.id),
+            escape(entry.category),
+            _value(e, "translation_m", 100, 1),
+            _value(e, "rotation_deg", 1, 1),
+            _value(e, "scale_pct", 1, 1),
+            _value(e, "box_iou", 1, 2),
+            _value(e, "chamfer_m", 100, 1),
+            *(_mark(criterion.passes(e)) for criterion in CRITERIA),
+        )
+    return table
+
+
+def evaluation_summary(object_map: ObjectMap) -> str:
+    """How many objects with ground truth meet each criterion, failed ones among them, and the median Chamfer."""
+    judged = [entry.evaluation for entry in object_map.objects if entry.evaluation is not None]
+    counts = [f"{c.label}: {sum(map(c.passes, judged))} of {len(judged)}" for c in CRITERIA]
+    distances = [e["chamfer_m"] for e in judged if e.get("chamfer_m") is not None]
+    if distances:
+        counts.append(f"median Chamfer {100 * np.median(distances):.1f} cm ({len(distances)} measured)")
+    return ", ".join(counts)
+
+
+def _size(size_m: Float[np.ndarray, "3"] | None) -> str:
+    return _NONE if size_m is None else "x".join(f"{extent:.2f}" for extent in size_m)
+
+
+def _position(entry: MappedObject) -> str:
+    if entry.T_world_object is None:
+        return _NONE
+    position = entry.T_world_object[:3, 3]
+    if entry.covariance is None:
+        return " ".join(f"{p:.2f}" for p in position)
+    sigmas = summary.position_sigma(entry.T_world_object, entry.covariance)
+    return " ".join(f"{p:.2f}±{s:.3f}" for p, s in zip(position, sigmas, strict=True))
+
+
+def _heading(entry: MappedObject, up_world: Float[np.ndarray, "3"]) -> str:
+    if entry.T_world_object is None:
+        return _NONE
+    degrees = f"{np.degrees(summary.heading(entry.T_world_object, up_world)):.0f}"
+    if entry.covariance is None:
+        return degrees
+    sigma = summary.heading_sigma(entry.T_world_object, entry.covariance, up_world)
+    return f"{degrees}±{np.degrees(sigma):.1f}"
+
+
+def _cost(entry: MappedObject) -> str:
+    if entry.cost_initial is None and entry.cost_final is None:
+        return _NONE
+    ends = (entry.cost_initial, entry.cost_final)
+    return " -> ".join(_NONE if cost is None else f"{cost:.4g}" for cost in ends)
+
+
+def _status(entry: MappedObject) -> Text:
+    if entry.status == "mapped":
+        return Text("mapped" + (f": {entry.reason}" if entry.reason else ""), style="green")
+    return Text(f"failed: {entry.reason}", style="red")
+
+
+def _value(evaluation: Mapping[str, Any], key: str, factor: float, digits: int) -> str:
+    value = evaluation.get(key)
+    return _NONE if value is None else f"{factor * value:.{digits}f}"
+
+
+def _mark(passed: bool) -> Text:
+    return Text("✓", style="green") if passed else Text("✗", style="red")

@@ -1,0 +1,64 @@
+"""A small smooth decoder in float64 and random states, near zero rotation and near pi."""
+
+import gtsam
+import numpy as np
+import pytest
+import torch
+
+from factors.decoder import Decoder, DecoderConfig
+from factors.state import ObjectKeys, ObjectState
+
+CODE_LENGTH = 5
+
+
+def make_decoder(seed: int = 0, **settings) -> Decoder:
+    """A random network plus nothing: rough, so that every derivative is far from zero."""
+    torch.manual_seed(seed)
+    config = DecoderConfig(**{"code_length": CODE_LENGTH, "width": 16, "depth": 3, "skip": 1, **settings})
+    decoder = Decoder(config).double()
+    with torch.no_grad():
+        for parameter in decoder.parameters():
+            parameter.mul_(2.0)
+    return decoder
+
+
+class SphereDecoder(Decoder):
+    """A sphere of radius 0.4 + code[0]: an exact distance field with a code."""
+
+    def __init__(self) -> None:
+        super().__init__(DecoderConfig(code_length=CODE_LENGTH, width=4, depth=2, skip=0))
+        self.double()
+
+    def _network(self, points, injected):
+        return points.norm(dim=1) - 0.4 - injected["0"][:, 0]
+
+    def _inject(self, codes, owner, n):
+        rows = codes[:, :1].expand(-1, 4)
+        return {"0": rows.expand(n, -1) if owner is None else rows[owner]}
+
+
+@pytest.fixture
+def decoder() -> Decoder:
+    return make_decoder()
+
+
+@pytest.fixture
+def keys() -> ObjectKeys:
+    return ObjectKeys.numbered(0)
+
+
+def random_state(rng: np.random.Generator, angle: float | None = None) -> ObjectState:
+    axis = rng.normal(size=3)
+    angle = rng.uniform(0, np.pi) if angle is None else angle
+    rotation = gtsam.Rot3.Expmap(angle * axis / np.linalg.norm(axis))
+    return ObjectState(
+        gtsam.Pose3(rotation, rng.normal(size=3) * 0.3),
+        rng.uniform(-0.3, 0.3, size=3),
+        rng.normal(size=CODE_LENGTH) * 0.5,
+    )
+
+
+def random_camera(rng: np.random.Generator, distance: float = 2.5) -> gtsam.Pose3:
+    """T_world_camera of a camera near (0, 0, -distance) that looks at the world's origin."""
+    rotation = gtsam.Rot3.Expmap(rng.normal(size=3) * 0.1)
+    return gtsam.Pose3(rotation, np.array([0, 0, -distance]) + rng.normal(size=3) * 0.1)

@@ -1,0 +1,47 @@
+import pytest
+import torch
+
+from factors.decoder import Decoder, DecoderConfig
+from factors.errors import FactorError
+from tests.factors.conftest import CODE_LENGTH, make_decoder
+
+
+@pytest.mark.parametrize("settings", [{}, {"skip": 0}, {"octaves": 2}, {"activation": "softplus"}])
+def test_jacobian_is_autograds_own(settings):
+    decoder = make_decoder(**settings)
+    points, codes = torch.randn(7, 3).double(), torch.randn(1, CODE_LENGTH).double()
+    jet = decoder.linearize(points, codes)
+
+    def value(p, z):
+        return decoder(p[None], z[None])[0]
+
+    for i in range(7):
+        d_point, d_code = torch.autograd.functional.jacobian(value, (points[i], codes[0]))
+        torch.testing.assert_close(jet.d_point[i], d_point)
+        torch.testing.assert_close(jet.d_code[i], d_code)
+    torch.testing.assert_close(jet.value, decoder(points, codes).detach())
+
+
+def test_owner_tells_shapes_apart(decoder):
+    points, codes = torch.randn(6, 3).double(), torch.randn(2, CODE_LENGTH).double()
+    owner = torch.tensor([0, 1, 1, 0, 0, 1])
+    together = decoder.linearize(points, codes, owner)
+    for shape in (0, 1):
+        alone = decoder.linearize(points[owner == shape], codes[shape : shape + 1])
+        for a, b in zip(together, alone, strict=True):
+            torch.testing.assert_close(a[owner == shape], b)
+
+
+def test_wrong_code_length_is_named(decoder):
+    with pytest.raises(FactorError, match=rf"takes \(b, {CODE_LENGTH}\)"):
+        decoder(torch.zeros(2, 3).double(), torch.zeros(1, CODE_LENGTH + 1).double())
+
+
+def test_many_codes_need_an_owner(decoder):
+    with pytest.raises(FactorError, match="owner"):
+        decoder(torch.zeros(2, 3).double(), torch.zeros(2, CODE_LENGTH).double())
+
+
+def test_skip_must_be_a_layer():
+    with pytest.raises(FactorError, match="skip"):
+        Decoder(DecoderConfig(depth=3, skip=3))

@@ -1,0 +1,209 @@
+"""The two factors against their definitions: loss, gradient, reduction, marginals, batching, guards."""
+
+import gtsam
+import numpy as np
+import pytest
+import torch
+from gtsam.symbol_shorthand import X
+
+from factors.base import Annealing
+from factors.batch import prefetch
+from factors.depth import DepthFactor, RaySampling
+from factors.errors import FactorError
+from factors.rays import Rays
+from factors.rendering import FullDistribution, Probabilistic
+from factors.state import ObjectKeys
+from factors.surface import SurfaceFactor
+from factors.weighting import Weighting
+from tests.factors.conftest import CODE_LENGTH, make_decoder, random_camera, random_state
+
+KEYS = ObjectKeys.numbered(0)
+
+
+def make_rays(rng: np.random.Generator, count: int = 30) -> Rays:
+    directions = np.c_[rng.normal(size=(count, 2)) * 0.1, np.ones(count)]
+    hit = rng.random(count) < 0.6
+    depth = np.where(hit, rng.uniform(2.2, 2.8, count), rng.choice([2.4, np.inf], count))
+    return Rays(directions, depth, hit, np.full(count, 0.01))
+
+
+def make_factor(kind: str, camera, rng: np.random.Generator, decoder=None):
+    decoder = decoder or make_decoder()
+    if kind.startswith("surface"):
+        points = rng.normal(size=(40, 3)) * 0.2 + [0, 0, 2.5]
+        covariance = np.full(9 + CODE_LENGTH, 1e-4) if kind == "surface-propagated" else None
+        return SurfaceFactor(
+            KEYS, decoder, camera, points, np.full(40, 0.02), prior_sigma=0.02, state_covariance=covariance
+        )
+    renderers = {
+        "depth-full": FullDistribution(),
+        "depth-independent": FullDistribution("independent"),
+        "depth-paper": Probabilistic(),
+    }
+    return DepthFactor(
+        KEYS, decoder, camera, make_rays(rng), renderer=renderers[kind], prior_sigma=0.02,
+        weighting=Weighting("information", 0.3), sampling=RaySampling(coarse=8, cells=6),
+    )  # fmt: skip
+
+
+KINDS = ["surface", "surface-propagated", "depth-full", "depth-independent", "depth-paper"]
+
+
+def problem(kind: str, variable_camera: bool, seed: int, angle: float | None = None):
+    rng = np.random.default_rng(seed)
+    state, T_world_camera, values = random_state(rng, angle), random_camera(rng), gtsam.Values()
+    state.insert(values, KEYS)
+    values.insert(X(3), T_world_camera)
+    factor = make_factor(kind, X(3) if variable_camera else T_world_camera, rng)
+    factor.refresh(values, Annealing(slope=60.0))
+    return factor, values
+
+
+def moved(values: gtsam.Values, keys, dims, delta: np.ndarray) -> gtsam.Values:
+    step = gtsam.VectorValues()
+    for key, part in zip(keys, np.split(delta, np.cumsum(dims)[:-1]), strict=True):
+        step.insert(key, part)
+    return values.retract(step)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("variable_camera", [False, True])
+@pytest.mark.parametrize("angle", [1e-7, 1.0, np.pi - 1e-7])
+def test_error_is_the_loss_and_gradient_is_its(kind, variable_camera, angle):
+    factor, values = problem(kind, variable_camera, seed=5, angle=angle)
+    graph = gtsam.NonlinearFactorGraph()
+    graph.push_back(factor.gtsam_factor())
+    assert graph.error(values) == pytest.approx(factor.loss(values), rel=1e-9)
+    linear = graph.linearize(values)
+    jacobian, b = linear.jacobian(gtsam.Ordering(factor.keys))
+    assert 0.5 * b @ b == pytest.approx(factor.loss(values), rel=1e-9)
+    gradient = -jacobian.T @ b
+    dof, step = sum(factor.dims), 1e-6
+    numeric = np.zeros(dof)
+    for i in range(dof):
+        delta = np.zeros(dof)
+        delta[i] = step
+        up = factor.loss(moved(values, factor.keys, factor.dims, delta))
+        down = factor.loss(moved(values, factor.keys, factor.dims, -delta))
+        numeric[i] = (up - down) / (2 * step)
+    assert np.abs(gradient - numeric).max() < 1e-5 * np.abs(numeric).max()
+
+
+@pytest.mark.parametrize("kind", ["depth-full", "depth-independent", "depth-paper"])
+@pytest.mark.parametrize("variable_camera", [False, True])
+def test_rendered_quantity_jacobian(kind, variable_camera):
+    """Expected transmittance and rendered depth, through retract, with the majoriser's weights held."""
+    factor, values = problem(kind, variable_camera, seed=9)
+    factor.decoder.requires_grad_(False)
+    rendered = factor._render(factor.decoder(factor.query(values).p_object, factor.query(values).code[None]))
+    scale = 1.0
+    if kind == "depth-paper":  # rows are sqrt(w) * (mean - observed): compare the mean itself
+        error = _mean_depth(factor, values)
+        scale = (rendered.residual[:, 0] / error).numpy()
+
+    def quantity(at):
+        if kind == "depth-paper":
+            return _mean_depth(factor, at).numpy()
+        query = factor.query(at)
+        return factor._render(factor.decoder(query.p_object, query.code[None])).residual.numpy().ravel()
+
+    query = factor.query(values)
+    jet = factor.decoder.linearize(query.p_object, query.code[None])
+    rows = factor._quantity_jacobian(query, jet, rendered.d_sdf).numpy()
+    if kind == "depth-paper":
+        rows = rows / np.where(scale == 0, 1, scale)[:, None]
+    dof, step = sum(factor.dims), 1e-6
+    numeric = np.zeros((len(rows), dof))
+    for i in range(dof):
+        delta = np.zeros(dof)
+        delta[i] = step
+        up = quantity(moved(values, factor.keys, factor.dims, delta))
+        down = quantity(moved(values, factor.keys, factor.dims, -delta))
+        numeric[:, i] = (up - down) / (2 * step)
+    counts = np.broadcast_to(scale, len(rows)) != 0
+    assert np.abs(rows - numeric)[counts].max() < 1e-5 * np.abs(numeric).max()
+
+
+def _mean_depth(factor, values):
+    from factors.occupancy import depth_moments, quadrature_moments
+
+    frozen, query = factor._held, factor.query(values)
+    sdf = frozen.metres * factor.decoder(query.p_object, query.code[None]).view_as(frozen.metres)
+    moments = quadrature_moments(sdf, frozen.sdf_sigma, frozen.slope)
+    escape = 1.1 * frozen.cells.far
+    mean = depth_moments(moments, frozen.cells.depth, escape).mean
+    return mean - torch.where(frozen.targets.hit, frozen.targets.depth, escape)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("variable_camera", [False, True])
+def test_marginals_of_the_reduced_factor_are_those_of_all_rows(kind, variable_camera):
+    factor, values = problem(kind, variable_camera, seed=6)
+    rows = factor.rows(values)
+    hessian = (rows.jacobian.T @ rows.jacobian).numpy() + np.eye(sum(factor.dims))
+    graph = gtsam.NonlinearFactorGraph()
+    graph.push_back(factor.gtsam_factor())
+    for key, dim in zip(factor.keys, factor.dims, strict=True):
+        noise = gtsam.noiseModel.Unit.Create(dim)
+        if dim == 6:
+            graph.push_back(gtsam.PriorFactorPose3(key, values.atPose3(key), noise))
+        else:
+            graph.push_back(gtsam.PriorFactorVector(key, values.atVector(key), noise))
+    marginals = gtsam.Marginals(graph, values)
+    expected = np.linalg.inv(hessian)
+    starts = np.cumsum([0, *factor.dims])
+    for i, key in enumerate(factor.keys):
+        block = expected[starts[i] : starts[i + 1], starts[i] : starts[i + 1]]
+        np.testing.assert_allclose(marginals.marginalCovariance(key), block, rtol=1e-6, atol=1e-9)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_batched_decoding_changes_nothing(kind):
+    factor, values = problem(kind, True, seed=7)
+    other, other_values = problem("surface", True, seed=8)
+    other.decoder = factor.decoder
+    values_alone, rows_alone = factor.loss(values), factor.rows(values)
+    other_alone = other.loss(values)
+    factor._decoded = other._decoded = None
+    prefetch([factor, other], values, jacobian=True)
+    assert factor.knows(factor.query(values), jacobian=True)
+    assert factor.loss(values) == pytest.approx(values_alone, rel=1e-12)
+    assert other.loss(values) == pytest.approx(other_alone, rel=1e-12)
+    torch.testing.assert_close(factor.rows(values).jacobian, rows_alone.jacobian)
+    assert not factor.knows(factor.query(other_values), jacobian=False)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_own_pose_and_key_agree_where_the_camera_is_the_same(kind):
+    fixed, values = problem(kind, False, seed=4)
+    free, _ = problem(kind, True, seed=4)
+    assert fixed.loss(values) == pytest.approx(free.loss(values), rel=1e-12)
+    columns = 9 + CODE_LENGTH
+    torch.testing.assert_close(fixed.rows(values).jacobian, free.rows(values).jacobian[:, :columns])
+
+
+def test_code_of_another_length_is_named():
+    factor, values = problem("surface", False, seed=0)
+    values.update(KEYS.code, np.zeros(CODE_LENGTH))
+    values.erase(KEYS.code)
+    values.insert(KEYS.code, np.zeros(CODE_LENGTH + 2))
+    with pytest.raises(FactorError, match=f"z0 holds a code of length {CODE_LENGTH + 2}"):
+        factor.loss(values)
+
+
+def test_a_residual_that_is_not_finite_names_the_keys():
+    factor, values = problem("surface", True, seed=0)
+    with torch.no_grad():
+        factor.decoder.output.bias.fill_(torch.nan)
+    factor._decoded = None
+    graph = gtsam.NonlinearFactorGraph()
+    graph.push_back(factor.gtsam_factor())
+    for evaluate in (graph.error, graph.linearize):
+        with pytest.raises(FactorError, match=r"SurfaceFactor\(o0, s0, z0, x3\).*not finite"):
+            evaluate(values)
+
+
+@pytest.mark.parametrize("points", [np.zeros((0, 3)), np.zeros((4, 2)), np.full((4, 3), np.nan)])
+def test_bad_points_are_refused(points):
+    with pytest.raises(FactorError, match="surface points"):
+        SurfaceFactor(KEYS, make_decoder(), gtsam.Pose3(), points, np.full(len(points), 0.01))

@@ -1,0 +1,44 @@
+import gtsam
+import numpy as np
+import pytest
+
+from factors.priors import code_prior, scale_covariance, scale_prior, upright_prior
+from factors.state import ObjectKeys, ObjectState
+
+KEYS = ObjectKeys.numbered(1)
+
+
+def test_scale_covariance_separates_size_from_shape():
+    covariance = scale_covariance(0.3, 0.05)
+    samples = np.random.default_rng(0).multivariate_normal(np.zeros(3), covariance, size=200_000)
+    mean = samples.mean(axis=1)
+    assert mean.std() == pytest.approx(0.3, rel=0.01)
+    across = samples - mean[:, None]
+    assert np.sqrt((across**2).sum(axis=1).mean() / 2) == pytest.approx(0.05, rel=0.01)
+    assert abs(np.mean(mean * across[:, 0])) < 1e-4
+
+
+def test_priors_are_half_squared_mahalanobis_distances():
+    rng = np.random.default_rng(1)
+    root = rng.normal(size=(4, 4))
+    covariance, code, mean = root @ root.T + np.eye(4), rng.normal(size=4), rng.normal(size=4)
+    state = ObjectState(gtsam.Pose3(), np.array([0.1, 0.2, 0.4]), code)
+    values = gtsam.Values()
+    state.insert(values, KEYS)
+    expected = 0.5 * (code - mean) @ np.linalg.solve(covariance, code - mean)
+    assert code_prior(KEYS, mean, covariance).error(values) == pytest.approx(expected)
+    off = state.log_scale - 0.15
+    expected = 0.5 * off @ np.linalg.solve(scale_covariance(0.3, 0.05), off)
+    assert scale_prior(KEYS, 0.15, 0.3, 0.05).error(values) == pytest.approx(expected)
+
+
+@pytest.mark.parametrize("tilt", [0.0, 0.02, 0.1])
+def test_upright_prior_measures_the_tilt_and_not_the_heading(tilt):
+    up = np.array([0.0, 0.0, 1.0])
+    y_up = gtsam.Rot3.Rx(np.pi / 2)  # +y of the object to +z of the world
+    for heading in (0.0, 2.0):
+        rotation = gtsam.Rot3.Rz(heading).compose(gtsam.Rot3.Rx(tilt)).compose(y_up)
+        values = gtsam.Values()
+        ObjectState(gtsam.Pose3(rotation, np.zeros(3)), np.zeros(3), np.zeros(2)).insert(values, KEYS)
+        error = upright_prior(KEYS, up, 0.05).error(values)
+        assert error == pytest.approx(0.5 * (np.sin(tilt) / 0.05) ** 2, rel=0.01, abs=1e-9)

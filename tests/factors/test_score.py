@@ -1,0 +1,71 @@
+import math
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.integrate import quad
+from scipy.stats import norm
+
+from factors.errors import FactorError
+from factors.score import (
+    energy_score,
+    energy_score_gradient,
+    energy_score_monte_carlo,
+    majorizing_weight,
+    unit_information_weight,
+)
+from factors.weighting import Weighting
+
+mus = st.floats(-3, 3)
+sigmas = st.floats(0.01, 3)
+
+
+def t(x: float) -> torch.Tensor:
+    return torch.tensor(x, dtype=torch.float64)
+
+
+@given(mus, sigmas)
+def test_closed_form_is_the_integral_of_the_squared_distribution_error(mu, sigma):
+    below = quad(lambda d: norm.cdf(d, mu, sigma) ** 2, mu - 12 * sigma, 0)[0] if mu - 12 * sigma < 0 else 0.0
+    above = quad(lambda d: norm.sf(d, mu, sigma) ** 2, 0, mu + 12 * sigma)[0] if mu + 12 * sigma > 0 else 0.0
+    assert float(energy_score(t(mu), t(sigma))) == pytest.approx(below + above, rel=1e-5, abs=1e-7)
+
+
+def test_closed_form_is_the_papers_monte_carlo():
+    mu, sigma = torch.tensor([0.0, 0.02, -0.3, 1.0]).double(), torch.tensor([0.1, 0.01, 0.3, 0.5]).double()
+    estimate = energy_score_monte_carlo(mu, sigma, samples=1_000_000)
+    torch.testing.assert_close(estimate, energy_score(mu, sigma), rtol=5e-3, atol=0)
+
+
+@given(mus, sigmas)
+def test_gradient_and_weight(mu, sigma):
+    x = t(mu).requires_grad_()
+    (gradient,) = torch.autograd.grad(energy_score(x, t(sigma)), x)
+    assert float(energy_score_gradient(t(mu), t(sigma))) == pytest.approx(float(gradient), abs=1e-9)
+    assert float(majorizing_weight(t(mu), t(sigma)) * mu) == pytest.approx(float(gradient), abs=1e-6)
+
+
+@given(mus, sigmas, st.floats(-5, 5))
+def test_the_weight_majorizes(mu, sigma, other):
+    weight = float(majorizing_weight(t(mu), t(sigma)))
+    tangent = float(energy_score(t(mu), t(sigma))) + 0.5 * weight * (other**2 - mu**2)
+    assert float(energy_score(t(other), t(sigma))) <= tangent + 1e-7 * (1 + tangent)
+
+
+@given(st.floats(0.01, 3))
+def test_curvature_at_the_minimum_is_the_information(sigma):
+    weight = majorizing_weight(t(0.0), t(sigma)) * unit_information_weight(t(sigma))
+    assert float(weight) == pytest.approx(1 / sigma**2)
+    assert float(majorizing_weight(t(0.0), t(sigma))) == pytest.approx(math.sqrt(2 / math.pi) / sigma)
+
+
+def test_weightings():
+    sigma = torch.tensor([0.1, 0.2]).double()
+    np.testing.assert_allclose(Weighting("mean", 100.0).per_row(sigma), 50.0)
+    np.testing.assert_allclose(
+        Weighting("information", 0.1).per_row(sigma), 0.1 * unit_information_weight(sigma)
+    )
+    with pytest.raises(FactorError, match="amount"):
+        Weighting("information", 1.5)

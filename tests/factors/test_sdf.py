@@ -1,0 +1,80 @@
+import gtsam
+import numpy as np
+import pytest
+import torch
+
+from factors.sdf import metres_per_unit, propagated_variance, query_points, sdf_jacobian
+from factors.state import ObjectState
+from tests.factors.conftest import CODE_LENGTH, SphereDecoder, make_decoder, random_camera, random_state
+
+STEP = 1e-6
+
+
+def numerical_jacobian(function, state: ObjectState, camera: gtsam.Pose3, dof: int) -> np.ndarray:
+    """Central differences of `function(state, camera)` along both retractions."""
+    columns = []
+    for i in range(dof):
+        sides = []
+        for sign in (1, -1):
+            delta = np.zeros(dof)
+            delta[i] = sign * STEP
+            moved_camera = camera.retract(delta[-6:]) if dof > 9 + CODE_LENGTH else camera
+            sides.append(function(state.retract(delta[: 9 + CODE_LENGTH]), moved_camera))
+        columns.append((sides[0] - sides[1]) / (2 * STEP))
+    return np.stack(columns, axis=-1)
+
+
+@pytest.mark.parametrize("angle", [0.0, 1e-7, 1.0, np.pi - 1e-7, np.pi])
+@pytest.mark.parametrize("camera_is_variable", [False, True])
+@pytest.mark.parametrize("seed", range(3))
+def test_sdf_jacobian(angle, camera_is_variable, seed):
+    rng = np.random.default_rng(seed)
+    decoder, state, camera = make_decoder(seed), random_state(rng, angle), random_camera(rng)
+    points = rng.normal(size=(20, 3)) * 0.3 + [0, 0, 2.5]
+
+    def value(state, camera):
+        query = query_points(decoder, state, camera, points)
+        return decoder(query.p_object, query.code[None]).detach().numpy()
+
+    query = query_points(decoder, state, camera, points)
+    jet = decoder.linearize(query.p_object, query.code[None])
+    analytic = sdf_jacobian(query, jet, camera_is_variable).numpy()
+    numeric = numerical_jacobian(value, state, camera, analytic.shape[1])
+    assert np.abs(analytic - numeric).max() < 1e-5 * np.abs(numeric).max()
+
+
+def test_metres_of_a_scaled_sphere_are_metres():
+    decoder, state = (
+        SphereDecoder(),
+        ObjectState(gtsam.Pose3(), np.log([2.0, 2.0, 2.0]), np.zeros(CODE_LENGTH)),
+    )
+    directions = np.random.default_rng(0).normal(size=(50, 3))
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    query = query_points(decoder, state, gtsam.Pose3(), 0.9 * directions)
+    jet = decoder.linearize(query.p_object, query.code[None])
+    metric = metres_per_unit(jet.d_point, state) * jet.value
+    np.testing.assert_allclose(metric, 0.1, atol=1e-12)
+
+
+def test_propagated_variance_is_that_of_sampled_states():
+    rng = np.random.default_rng(3)
+    decoder, state, camera = make_decoder(3), random_state(rng), random_camera(rng)
+    points = rng.normal(size=(4, 3)) * 0.2 + [0, 0, 2.5]
+    factor = rng.normal(size=(9 + CODE_LENGTH,) * 2) * 1e-4
+    covariance = factor @ factor.T
+
+    def value(state):
+        query = query_points(decoder, state, camera, points)
+        return decoder(query.p_object, query.code[None]).detach().numpy()
+
+    query = query_points(decoder, state, camera, points)
+    jacobian = sdf_jacobian(query, decoder.linearize(query.p_object, query.code[None]), camera=False)
+    variance = propagated_variance(jacobian, torch.as_tensor(covariance))
+    sampled = np.var(
+        [value(state.retract(factor @ rng.normal(size=len(factor)))) for _ in range(4000)], axis=0
+    )
+    np.testing.assert_allclose(variance, sampled, rtol=0.1)
+    diagonal = torch.as_tensor(np.diag(covariance).copy())
+    torch.testing.assert_close(
+        propagated_variance(jacobian, diagonal), propagated_variance(jacobian, torch.diag(diagonal))
+    )

@@ -1,0 +1,56 @@
+import gtsam
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from factors.errors import FactorError
+from factors.state import ObjectKeys, ObjectState
+from tests.factors.conftest import CODE_LENGTH, random_state
+
+
+@given(st.integers(0, 10**6), st.sampled_from([0.0, 1e-9, 1.0, np.pi - 1e-6, np.pi]))
+def test_values_round_trip_and_points_round_trip(seed, angle):
+    rng = np.random.default_rng(seed)
+    state, keys, values = random_state(rng, angle), ObjectKeys.numbered(seed % 100), gtsam.Values()
+    state.insert(values, keys)
+    back = ObjectState.from_values(values, keys)
+    assert back.T_world_object.equals(state.T_world_object, 1e-12)
+    np.testing.assert_array_equal(back.log_scale, state.log_scale)
+    np.testing.assert_array_equal(back.code, state.code)
+    points = rng.normal(size=(5, 3))
+    np.testing.assert_allclose(state.to_world(state.to_object(points)), points, atol=1e-12)
+    homogeneous = np.c_[points, np.ones(5)] @ state.matrix.T
+    np.testing.assert_allclose(homogeneous[:, :3], state.to_world(points), atol=1e-12)
+
+
+def test_retract_is_gtsams(keys):
+    rng = np.random.default_rng(0)
+    state, delta = random_state(rng), rng.normal(size=9 + CODE_LENGTH)
+    values, moved = gtsam.Values(), gtsam.VectorValues()
+    state.insert(values, keys)
+    for key, part in zip(keys, np.split(delta, [6, 9]), strict=True):
+        moved.insert(key, part)
+    expected = ObjectState.from_values(values.retract(moved), keys)
+    actual = state.retract(delta)
+    assert actual.T_world_object.equals(expected.T_world_object, 1e-12)
+    np.testing.assert_allclose(actual.log_scale, expected.log_scale)
+    np.testing.assert_allclose(actual.code, expected.code)
+
+
+def test_paper_form_is_the_inverse_where_it_exists():
+    state = random_state(np.random.default_rng(1))
+    with pytest.raises(FactorError, match="anisotropic"):
+        _ = state.xi_object_world
+    state = ObjectState(state.T_world_object, np.full(3, 0.2), state.code)
+    t, phi, s = np.split(state.xi_object_world, 3)
+    matrix = np.eye(4)
+    matrix[:3, :3], matrix[:3, 3] = gtsam.Rot3.Expmap(phi).matrix() * s, t
+    np.testing.assert_allclose(matrix @ state.matrix, np.eye(4), atol=1e-12)
+
+
+def test_taken_keys_are_named(keys):
+    values, state = gtsam.Values(), random_state(np.random.default_rng(2))
+    state.insert(values, keys)
+    with pytest.raises(FactorError, match="o0"):
+        state.insert(values, keys)
