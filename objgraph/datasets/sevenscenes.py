@@ -36,7 +36,7 @@ CATEGORIES: dict[str, str] = {"chair": "chair", "table": "table"}
 """The boxes' labels and the category whose prior fits them; objects of other labels are left out."""
 
 _MILLIMETRES = 1000.0
-_TOP_SLAB = 0.06
+_TOP_SLAB = 0.1
 
 
 @dataclass(frozen=True)

@@ -9,9 +9,11 @@ from jaxtyping import Float
 from objgraph.errors import DatasetError
 from objgraph.synthetic.furniture import FAMILIES, Category, Furniture, make_furniture
 
-_TRIES = 400
+_SEAT_TRIES = 400
 _FREE_TRIES = 2000
 _GAP_M = 0.05
+_MIDDLE = 0.06  # shares of the room's half extents
+_NEAR_SIDE = 0.3
 _UPRIGHT = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])  # object y up to world z up
 
 
@@ -53,19 +55,19 @@ class PlacedFurniture:
 
 
 def furnish(config: RoomConfig, rng: np.random.Generator) -> list[PlacedFurniture]:
-    """Tables, then chairs, on the floor; no two boxes touch.
+    """The first table in the middle, chairs facing it, then the rest where there is room; no two boxes touch.
 
     Raises `DatasetError` when the room is too small for what it is to hold.
     """
     tables = _pieces("table", config.tables, rng)
     chairs = _pieces("chair", config.chairs, rng)
-    placed: list[PlacedFurniture] = []
     guests = max(len(chairs) - 1, 0) if tables else 0
-    for index, piece in enumerate(tables):
-        placed.append(_settle(piece, placed, config, rng, in_middle=index == 0))
-    for piece, side in zip(chairs[:guests], rng.permutation(guests), strict=True):
-        placed.append(_seat(piece, placed, 2 * np.pi * side / guests, config, rng))
-    for piece in chairs[guests:]:
+    placed: list[PlacedFurniture] = []
+    for piece in tables[:1]:
+        placed.append(_settle(piece, placed, config, rng, in_middle=True))
+    for index, piece in enumerate(chairs[:guests]):
+        placed.append(_seat(piece, placed, 2 * np.pi * index / guests, config, rng))
+    for piece in tables[1:] + chairs[guests:]:
         placed.append(_settle(piece, placed, config, rng))
     return placed
 
@@ -114,13 +116,13 @@ def _settle(
     rng: np.random.Generator,
     in_middle: bool = False,
 ) -> PlacedFurniture:
-    """Anywhere that is free; without `in_middle`, where chairs about the first table leave room."""
+    """Somewhere free: in the middle, or about it but not at the -y side, from where the camera looks."""
     scale = _draw_scale(piece, config, rng)
-    reach = np.array([0.15, 0.15]) if in_middle else np.array(config.size_m) / 2
+    half = np.array(config.size_m) / 2
+    low, high = (-_MIDDLE * half, _MIDDLE * half) if in_middle else (-half * [1, _NEAR_SIDE], half)
     for _ in range(_FREE_TRIES):
-        candidate = _stand(piece, scale, rng.uniform(-reach, reach), rng.uniform(-np.pi, np.pi))
-        away = in_middle or np.linalg.norm(candidate.T_world_object[:2, 3]) > 1.3
-        if away and _free(candidate, placed, config):
+        candidate = _stand(piece, scale, rng.uniform(low, high), rng.uniform(-np.pi, np.pi))
+        if _free(candidate, placed, config):
             return candidate
     raise _no_room(piece, config)
 
@@ -137,7 +139,7 @@ def _seat(
     table = placed[0].T_world_object
     bearing += np.arctan2(table[1, 0], table[0, 0]) + rng.normal(0, 0.15)
     turn = rng.normal(0, 0.2)
-    for distance in np.linspace(0.3, 2.0, _TRIES):
+    for distance in np.linspace(0.3, 2.0, _SEAT_TRIES):
         out = np.array([np.cos(bearing), np.sin(bearing)])
         # at yaw 0 the front, -z, looks along world +y
         candidate = _stand(piece, scale, table[:2, 3] + distance * out, bearing + np.pi / 2 + turn)

@@ -11,15 +11,21 @@ from factors.state import ObjectKeys, ObjectState
 CODE_LENGTH = 5
 
 
+class RoughSphere(Decoder):
+    """A sphere dented by a random network: signs on both sides and no derivative that vanishes."""
+
+    def _network(self, points, injected):
+        return points.square().sum(dim=1).add(0.01).sqrt() - 0.4 + 0.3 * super()._network(points, injected)
+
+
 def make_decoder(seed: int = 0, **settings) -> Decoder:
-    """A random network plus nothing: rough, so that every derivative is far from zero."""
     torch.manual_seed(seed)
     config = DecoderConfig(**{"code_length": CODE_LENGTH, "width": 16, "depth": 3, "skip": 1, **settings})
-    decoder = Decoder(config).double()
+    decoder = RoughSphere(config).double()
     with torch.no_grad():
         for parameter in decoder.parameters():
             parameter.mul_(2.0)
-    return decoder
+    return decoder.requires_grad_(False)
 
 
 class SphereDecoder(Decoder):

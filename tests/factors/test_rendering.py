@@ -51,7 +51,7 @@ def test_rows_have_the_gradient_of_the_loss(renderer):
 def test_full_distribution_is_the_numerical_crps(correlation):
     renderer = FullDistribution(correlation)
     k = 4000
-    sdf, sdf_sigma, _, targets = _scene(rays=5, k=6)
+    sdf, _, _, targets = _scene(rays=5, k=6)
     # the same SDF, finely and linearly interpolated: the sum over cells becomes the integral
     fine = torch.nn.functional.interpolate(sdf[:, None], size=k, mode="linear", align_corners=True)[:, 0]
     if correlation == "independent":
