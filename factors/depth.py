@@ -31,7 +31,7 @@ class RaySampling:
 @dataclass(frozen=True)
 class _Frozen:
     rays: np.ndarray
-    """Indices of the rays that meet the box."""
+    """Indices of the rays that meet the box before they end."""
     cells: RayCells
     targets: RayTargets
     p_camera: np.ndarray
@@ -77,9 +77,9 @@ class DepthFactor(ObservationFactor):
     def refresh(self, values: gtsam.Values, annealing: Annealing = Annealing()) -> None:  # noqa: B008
         state, camera = self.state(values), self.T_world_camera(values)
         near, far = box_interval(state, camera, self._rays.directions_camera)
-        meets = np.flatnonzero(far - near > 1e-3)
+        meets = np.flatnonzero((far - near > 1e-3) & (self._rays.end > near))
         targets = RayTargets(
-            *(torch.as_tensor(getattr(self._rays, name)[meets]) for name in ("depth", "hit", "sigma"))
+            *(torch.as_tensor(getattr(self._rays, name)[meets]) for name in ("depth", "end", "sigma"))
         )
         cells = self._choose_cells(state, camera, near[meets], far[meets], meets, targets, annealing)
         p_camera = self._points(meets, cells.depth)
@@ -140,7 +140,9 @@ class DepthFactor(ObservationFactor):
             sdf = self.decoder(query.p_object, query.code[None]).double().view_as(coarse)
         metres = float(np.exp(state.log_scale.mean()))
         band = max(2.0 / annealing.slope, 0.5 * metres / self._sampling.coarse)
-        return choose_cells(start, end, metres * sdf, targets.depth, self._sampling.cells, band)
+        return choose_cells(
+            start, end, metres * sdf, torch.minimum(targets.depth, targets.end), self._sampling.cells, band
+        )
 
     def _points(self, rays: np.ndarray, depth: Tensor) -> np.ndarray:
         directions = self._rays.directions_camera[rays]

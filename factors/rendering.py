@@ -27,8 +27,12 @@ class RayTargets:
     """Observations of r rays as tensors; the meaning of the fields is that of `factors.rays.Rays`."""
 
     depth: Float[Tensor, "r"]
-    hit: Bool[Tensor, "r"]
+    end: Float[Tensor, "r"]
     sigma: Float[Tensor, "r"]
+
+    @property
+    def hit(self) -> Bool[Tensor, "r"]:
+        return self.depth.isfinite()
 
 
 class RenderedRows(NamedTuple):
@@ -65,12 +69,19 @@ class FullDistribution:
 
     F = 1 - T with T the expected transmittance, so the score is a sum of squares over a ray's cells, and the
     rows are natural Gauss-Newton rows. A free ray says T = 1 as far as it is known to be free.
+
+    With `reach` the integral is weighted over depth (a threshold-weighted score, Gneiting & Ranjan 2011, proper for
+    any weight that does not depend on the estimate): at a silhouette the score would otherwise be the length of
+    the way behind the object, which is arbitrary and differs between the two sides of the outline.
     """
 
     correlation: Literal["comonotone", "independent"] = "comonotone"
     """How occupancies along a ray depend on each other: "independent" multiplies (the paper's assumption; what
     is behind the first surface then depends on how densely it is sampled), "comonotone" takes the smallest
     1 - o so far (a ray's SDF errors are those of one pose and one code; independent of the sampling)."""
+    reach: float | None = 3.0
+    """Spreads about the observed depth that weigh fully; all the rest of the ray on either side weighs as much as
+    one more. None: every metre weighs the same."""
 
     def freeze(
         self, sdf: Tensor, sdf_sigma: Tensor, cells: RayCells, targets: RayTargets, slope: float
@@ -104,14 +115,36 @@ class FullDistribution:
         spread: Float[Tensor, "r"],
     ) -> RenderedRows:
         passed, d_passed = self.transmittance(sdf, _tau(sdf_sigma, targets, slope))
-        before = cells.depth < targets.depth[:, None]
-        hit = targets.hit[:, None]
-        target = (before | ~hit).to(sdf)
-        root = (2 * cells.width * (before | hit).to(sdf)).sqrt()
-        escape = (2 * (ESCAPE - 1) * cells.far * (targets.hit & (targets.depth < cells.far))).sqrt()
-        residual = torch.cat([root * (passed - target), (escape * passed[:, -1])[:, None]], dim=1)
-        d_sdf = torch.cat([root[..., None] * d_passed, escape[:, None, None] * d_passed[:, -1:]], dim=1)
+        width, escape = self._weighted_widths(cells, targets, spread)
+        target = (cells.depth < targets.depth[:, None]).to(sdf)
+        beyond = (cells.far < targets.depth).to(sdf)
+        root, escape_root = (2 * width).sqrt(), (2 * escape).sqrt()
+        residual = torch.cat([root * (passed - target), (escape_root * (passed[:, -1] - beyond))[:, None]], dim=1)
+        d_sdf = torch.cat([root[..., None] * d_passed, escape_root[:, None, None] * d_passed[:, -1:]], dim=1)
         return RenderedRows(0.5 * residual.square().sum(dim=1), residual, d_sdf)
+
+    def _weighted_widths(
+        self, cells: RayCells, targets: RayTargets, spread: Float[Tensor, "r"]
+    ) -> tuple[Float[Tensor, "r k"], Float[Tensor, "r"]]:
+        """Weighted length of every cell, and of the way from the box to where the ray escapes."""
+        end = torch.minimum(targets.end, ESCAPE * cells.far)
+        width = cells.width * (cells.depth < end[:, None])
+        escape = (end - cells.far).clamp_min(0.0)
+        if self.reach is None:
+            return width, escape
+        spread = spread[:, None]
+        width = torch.cat([width, escape[:, None]], dim=1)
+        depth = torch.cat([cells.depth, cells.far[:, None] + 0.5 * escape[:, None]], dim=1)
+        hit, observed = targets.hit[:, None], targets.depth[:, None]
+        near = hit & ((depth - observed).abs() < self.reach * spread)
+        before, behind = ~near & (depth < observed), ~near & (depth >= observed)
+        total = torch.where(hit, spread, (self.reach + 1) * spread)
+        weight = near.to(width)
+        for side in (before, behind):
+            length = (width * side).sum(dim=1, keepdim=True).clamp_min(1e-12)
+            weight = weight + side * (total / length).clamp_max(1.0)
+        width = width * weight
+        return width[:, :-1], width[:, -1]
 
 
 @dataclass(frozen=True)
@@ -140,7 +173,7 @@ class Probabilistic:
         moments = quadrature_moments(sdf, sdf_sigma, slope)
         mean = depth_moments(moments, cells.depth, escape).mean
         # a free ray that ends inside the box has no depth to be compared with
-        counts = (targets.hit | (targets.depth >= cells.far)).to(sdf)
+        counts = (targets.hit | (targets.end >= cells.far)).to(sdf)
         error = mean - torch.where(targets.hit, targets.depth, escape)
         root = (counts * majorizing_weight(error, spread)).sqrt()
         d_mean = depth_mean_gradient(moments.mean, cells.depth, escape) * moments.d_mean(slope)

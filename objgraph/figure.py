@@ -65,7 +65,7 @@ def label(axis: Axes, texts: Sequence[str], uv: Float[np.ndarray, "n 2"]) -> Non
             v = min(b[1] for b in clash) - _LABEL[1] - 1
         boxes.append((u, v, half))
         box = {"boxstyle": "round,pad=0.25", "facecolor": "white", "edgecolor": "0.5", "alpha": 0.85}
-        axis.text(u, v, texts[i], fontsize=9, ha="center", va="center", clip_on=True, bbox=box)
+        axis.text(u, v, str(texts[i]), fontsize=9, ha="center", va="center", clip_on=True, bbox=box)
 
 
 def finish(figure: Figure, bar: Axes | None, limit: float | None, path: Path) -> None:
@@ -99,5 +99,5 @@ def _write_png(path: Path, image: Image.Image) -> None:
 
 def _png(image: Image.Image) -> bytes:
     buffer = io.BytesIO()
-    image.save(buffer, format="PNG", optimize=True)
+    image.save(buffer, format="PNG")
     return buffer.getvalue()

@@ -98,7 +98,7 @@ class MappedObject:
     """Extents along the object's own axes: width (x), height (y), depth (z), metres."""
     prior: PriorReference | None = None
     evaluation: Mapping[str, Any] | None = None
-    """`EVALUATION_KEYS` where there is ground truth; for a failed object `pose_correct` is False, the rest None."""
+    """`EVALUATION_KEYS` where there is ground truth; of a failed object `pose_correct` is False, the rest None."""
     vertices: Float[np.ndarray, "v 3"] | None = None
     """Of the surface, world frame, metres."""
     faces: Int[np.ndarray, "f 3"] | None = None

@@ -25,7 +25,7 @@ _AROUND = 0.8
 _ABOVE = 0.15
 """How far above the highest object; higher points would hide the room."""
 _BIAS = 0.12
-"""A surface wins over points up to this far in front of it, metres: both stand for the same thing."""
+"""A surface counts as seen behind points this close in front of it, metres: both stand for the same thing."""
 _FLOOR = 0.06
 """Up to this far above the objects' lowest point is floor, metres."""
 _ELEVATION = np.radians(38)
@@ -52,7 +52,8 @@ def map_picture(
     """Write a PNG of the map from obliquely above and from straight above, over the scan's points.
 
     Surfaces are coloured by their standard deviation on one scale for all objects, or by object where none
-    is given. `colors` are RGB in 0..1. The oblique view is taken from where most of the objects is seen.
+    is given. `colors` are RGB in 0..1. The oblique view is taken from where most of the objects is seen,
+    without the walls in between; points never hide a surface.
 
     Raises:
         MapError: no object has a mesh, or points and colours do not fit.
@@ -218,7 +219,7 @@ def _render(
 ) -> Float[np.ndarray, "h w 3"]:
     points = raster.draw_points(camera, cloud.points, cloud.colors, cloud.radius)
     meshes = raster.draw_surfaces(camera, surfaces)
-    picture, _ = raster.compose(points, meshes, _BACKGROUND, _BIAS)
+    picture, _ = raster.compose(points, meshes, _BACKGROUND, bias=np.inf)  # no point hides an estimate
     share = 1 / _OVERSAMPLING
     return cv2.resize(picture, None, fx=share, fy=share, interpolation=cv2.INTER_AREA).clip(0, 1)
 

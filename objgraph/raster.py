@@ -11,6 +11,8 @@ from objgraph.observation import Intrinsics
 
 _AMBIENT = 0.5
 """Share of a surface's colour that does not depend on where it faces."""
+_CREASE = 0.8
+"""Cosine between a triangle's and its vertices' normals below which the triangle is shaded flat."""
 
 
 @dataclass(frozen=True)
@@ -86,7 +88,10 @@ def draw_surfaces(camera: Camera, surfaces: Sequence[Surface]) -> Layer:
     corners = faces[hits["primitive_ids"].numpy()[seen]]
     uv = hits["primitive_uvs"].numpy()[seen].astype(float)
     weights = np.stack([1 - uv.sum(-1), uv[:, 0], uv[:, 1]], axis=-1)[..., None]
-    normals = (_vertex_normals(vertices, faces)[corners] * weights).sum(axis=1)
+    flat = hits["primitive_normals"].numpy()[seen].astype(float)
+    smooth = _unit((_vertex_normals(vertices, faces)[corners] * weights).sum(axis=1))
+    creased = np.abs((flat * smooth).sum(axis=1)) < _CREASE
+    normals = np.where(creased[:, None], flat, smooth)
     shade = _lambert(camera, normals, directions[seen])
     color[seen] = (colors[corners] * weights).sum(axis=1) * shade[:, None]
     depth[seen] = hit[seen]
@@ -151,13 +156,16 @@ def _vertex_normals(
     normals = np.zeros_like(vertices)
     for i in range(3):
         np.add.at(normals, faces[:, i], areas)
-    return normals / np.linalg.norm(normals, axis=1, keepdims=True).clip(min=1e-12)
+    return _unit(normals)
+
+
+def _unit(rows: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
+    return rows / np.linalg.norm(rows, axis=1, keepdims=True).clip(min=1e-12)
 
 
 def _lambert(
     camera: Camera, normals: Float[np.ndarray, "n 3"], directions: Float[np.ndarray, "n 3"]
 ) -> Float[np.ndarray, "n"]:
-    normals = normals / np.linalg.norm(normals, axis=1, keepdims=True).clip(min=1e-12)
     lamp = camera.T_world_camera[:3, :3] @ np.array([-0.35, -0.75, -0.9])
     lamp /= np.linalg.norm(lamp)
     facing = np.where((normals * directions).sum(axis=1) > 0, -1.0, 1.0)

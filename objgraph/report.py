@@ -6,11 +6,13 @@ from typing import Any
 
 import numpy as np
 from jaxtyping import Float
+from rich.box import SIMPLE_HEAD
 from rich.markup import escape
 from rich.table import Table
 from rich.text import Text
 
 from objgraph import summary
+from objgraph.evaluation.metrics import CHAMFER_LIMIT_M, IOU_LIMIT
 from objgraph.map import MappedObject, ObjectMap
 
 _NONE = "-"
@@ -26,23 +28,35 @@ class Criterion:
 
 CRITERIA = (
     Criterion("pose", lambda e: e.get("pose_correct") is True),
-    Criterion("IoU > 0.25", lambda e: e.get("box_iou") is not None and e["box_iou"] > 0.25),
-    Criterion("Chamfer < 20 cm", lambda e: e.get("chamfer_m") is not None and e["chamfer_m"] < 0.2),
+    Criterion(f"IoU > {IOU_LIMIT}", lambda e: e.get("box_iou") is not None and e["box_iou"] > IOU_LIMIT),
+    Criterion(
+        f"Chamfer < {100 * CHAMFER_LIMIT_M:.0f} cm",
+        lambda e: e.get("chamfer_m") is not None and e["chamfer_m"] < CHAMFER_LIMIT_M,
+    ),
 )
 """Pose within 20 cm, 20 degrees and 20 % of scale; oriented boxes overlap; surfaces agree."""
 
 
 def map_table(object_map: ObjectMap) -> Table:
-    """One row an object: its size, place and heading with standard deviations, and what mapping it took."""
+    """One row an object: its size, place and heading with standard deviations, and what mapping it took.
+
+    Below it stand the reasons of those that failed. It fits a terminal 80 characters wide.
+    """
     counts = f"{len(object_map.mapped)} of {len(object_map.objects)} objects mapped"
-    table = Table(title=f"Map of {escape(object_map.scene)}: {counts}")
+    table = Table(
+        title=f"Map of {escape(object_map.scene)}: {counts}",
+        caption=Text("\n".join(_remarks(object_map)), style="red"),
+        caption_justify="left",
+        box=SIMPLE_HEAD,
+        padding=0,
+    )
     for label in ("id", "object", "size, m\nw x h x d"):
         table.add_column(label, justify="left" if label == "object" else "right", no_wrap=True)
-    for label in ("position ± std, m\nx, y, z", "heading\n± std, °", "cost"):
-        table.add_column(label, justify="right")
+    for label, least in (("position, m\nx ± std, y, z", 12), ("heading\n± std, °", 8), ("cost", 8)):
+        table.add_column(label, justify="right", min_width=least)
     for label in ("views", "time\ns"):
         table.add_column(label, justify="right", no_wrap=True)
-    table.add_column("status")
+    table.add_column("status", no_wrap=True)
     for entry in object_map.objects:
         table.add_row(
             str(entry.id),
@@ -106,9 +120,9 @@ def _position(entry: MappedObject) -> str:
         return _NONE
     position = entry.T_world_object[:3, 3]
     if entry.covariance is None:
-        return " ".join(f"{p:.2f}" for p in position)
+        return ", ".join(f"{p:.2f}" for p in position)
     sigmas = summary.position_sigma(entry.T_world_object, entry.covariance)
-    return " ".join(f"{p:.2f}±{s:.3f}" for p, s in zip(position, sigmas, strict=True))
+    return ", ".join(f"{p:.2f}±{s:.3f}" for p, s in zip(position, sigmas, strict=True))
 
 
 def _heading(entry: MappedObject, up_world: Float[np.ndarray, "3"]) -> str:
@@ -129,9 +143,12 @@ def _cost(entry: MappedObject) -> str:
 
 
 def _status(entry: MappedObject) -> Text:
-    if entry.status == "mapped":
-        return Text("mapped" + (f": {entry.reason}" if entry.reason else ""), style="green")
-    return Text(f"failed: {entry.reason}", style="red")
+    return Text(entry.status, style="green" if entry.status == "mapped" else "red")
+
+
+def _remarks(object_map: ObjectMap) -> list[str]:
+    """Why objects failed, one line each: too long for a column."""
+    return [f"{e.category} {e.id} {e.status}: {e.reason}" for e in object_map.objects if e.reason]
 
 
 def _value(evaluation: Mapping[str, Any], key: str, factor: float, digits: int) -> str:

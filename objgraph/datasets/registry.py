@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
 
-from objgraph.datasets import scannet, sevenscenes
+from objgraph.datasets import sample, scannet, sevenscenes
 from objgraph.errors import DatasetError
 from objgraph.observation import Scan
 
@@ -31,6 +31,7 @@ class Loader:
 
 
 _LOADERS: dict[str, Loader] = {
+    "sample": Loader(sample.load, sample.scenes),
     "scannet": Loader(scannet.load, scannet.scenes),
     "sevenscenes": Loader(sevenscenes.load, sevenscenes.scenes),
 }

@@ -37,6 +37,7 @@ CATEGORIES: dict[str, str] = {"chair": "chair", "table": "table"}
 
 _MILLIMETRES = 1000.0
 _TOP_SLAB = 0.1
+_BOX_ERROR = 0.02
 
 
 @dataclass(frozen=True)
@@ -125,7 +126,8 @@ def _box(entry: dict[str, Any], category: str) -> _Box:
     pose[:3, :3] = np.asarray(entry["rotation"], dtype=float).reshape(3, 3)
     pose[:3, 3] = np.asarray(entry["centre"], dtype=float).reshape(3)
     size = np.asarray(entry["size"], dtype=float).reshape(3)
-    return _Box(Instance(int(entry["id"]) + 1, category), pose, size / 2)
+    # hand-placed boxes are off by centimetres: without a margin a table's top may lie just above its box
+    return _Box(Instance(int(entry["id"]) + 1, category), pose, size / 2 + _BOX_ERROR)
 
 
 def _masks(

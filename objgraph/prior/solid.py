@@ -5,6 +5,7 @@ their signed distances); the rest is closed by `point_cloud_utils` (Huang et al.
 Surface Generation Method for ShapeNet Models", 2018); what stays a sheet becomes a thin solid.
 """
 
+import multiprocessing
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -19,7 +20,9 @@ SHEET_HALF_THICKNESS = 0.003
 """Half the thickness given to single sheets, in canonical units: some 3 mm on a chair."""
 
 _MAX_CLOSED_COMPONENTS = 60
-_WATERTIGHT_RESOLUTION = 30_000
+_MAX_FLAT_COMPONENTS = 6
+_WATERTIGHT_RESOLUTION = 10_000
+_WATERTIGHT_SECONDS = 40
 
 
 @dataclass(frozen=True)
@@ -48,16 +51,27 @@ class SolidDistance:
     """Signed distance to a solid: negative inside. Inside overlapping parts it is a lower bound of the depth."""
 
     def __init__(self, solid: Solid) -> None:
-        self._closed = [_scene(mesh) for mesh in solid.closed]
-        self._sheets = [_scene(mesh) for mesh in solid.sheets]
+        self._parts = [(_scene(mesh), mesh.bounds, True) for mesh in solid.closed]
+        self._parts += [(_scene(mesh), mesh.bounds, False) for mesh in solid.sheets]
 
     def __call__(self, points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n"]:
-        query = o3d.core.Tensor(np.ascontiguousarray(points, np.float32))
+        points = np.ascontiguousarray(points, np.float32)
         result = np.full(len(points), np.inf, np.float32)
-        for scene in self._closed:
-            np.minimum(result, scene.compute_signed_distance(query, nsamples=3).numpy(), out=result)
-        for scene in self._sheets:
-            np.minimum(result, scene.compute_distance(query).numpy() - SHEET_HALF_THICKNESS, out=result)
+        for scene, (low, high), closed in self._parts:
+            beyond = np.maximum(np.maximum(low - points, points - high), 0.0)
+            # a part whose box lies farther than the nearest surface so far cannot change the minimum
+            near = np.flatnonzero(np.linalg.norm(beyond, axis=1) < np.maximum(result, 0) + SHEET_HALF_THICKNESS)
+            if len(near) == 0:
+                continue
+            query = o3d.core.Tensor(points[near])
+            distance = scene.compute_distance(query).numpy()
+            if closed:
+                boxed = np.flatnonzero((beyond[near] == 0).all(1))
+                inside = scene.compute_occupancy(o3d.core.Tensor(points[near[boxed]]), nsamples=5).numpy() > 0.5
+                distance[boxed[inside]] *= -1
+            else:
+                distance = distance - SHEET_HALF_THICKNESS
+            result[near] = np.minimum(result[near], distance)
         return result
 
 
@@ -76,7 +90,7 @@ def solidify(mesh: trimesh.Trimesh, name: str) -> Solid:
     rest = [part for part in components if not any(part is c for c in closed)]
     sheets: list[trimesh.Trimesh] = []
     if rest:
-        shell, loose = _close(trimesh.util.concatenate(rest), name)
+        shell, loose = _close(rest, name)
         closed += shell
         sheets += loose
     solid = Solid(name, tuple(closed), tuple(sheets))
@@ -84,7 +98,7 @@ def solidify(mesh: trimesh.Trimesh, name: str) -> Solid:
     return solid
 
 
-def check_sign(solid: Solid, points: int = 4000, seed: int = 0) -> None:
+def check_sign(solid: Solid, points: int = 1000, seed: int = 0) -> None:
     """Raise a PriorError unless the outside of the box is positive and the two sides of most surface differ."""
     distance = SolidDistance(solid)
     rng = np.random.default_rng(seed)
@@ -105,18 +119,15 @@ def check_sign(solid: Solid, points: int = 4000, seed: int = 0) -> None:
         raise PriorError(f"mesh {solid.name} cannot be closed: {wrong:.0%} of its surface has no inside")
 
 
-def _close(rest: trimesh.Trimesh, name: str) -> tuple[list[trimesh.Trimesh], list[trimesh.Trimesh]]:
+def _close(parts: list[trimesh.Trimesh], name: str) -> tuple[list[trimesh.Trimesh], list[trimesh.Trimesh]]:
     """A watertight shell of open parts, and those faces of theirs that have no inside."""
-    import point_cloud_utils as pcu
-
-    vertices, faces = pcu.make_mesh_watertight(
-        np.asarray(rest.vertices, np.float64), np.asarray(rest.faces, np.int32), _WATERTIGHT_RESOLUTION
-    )
-    if len(faces) == 0 or not np.isfinite(vertices).all():
-        raise PriorError(f"mesh {name} cannot be closed: no watertight surface came out")
-    shell = trimesh.Trimesh(vertices, faces, process=False)
+    # a few flat sheets enclose nothing; a mesh that falls apart into many flat faces may
+    if len(parts) <= _MAX_FLAT_COMPONENTS and all(_is_flat(part) for part in parts):
+        return [], parts
+    rest: trimesh.Trimesh = trimesh.util.concatenate(parts)  # pyright: ignore[reportAssignmentType]
+    shell = _watertight(rest, name)
     scene = _scene(shell)
-    points, face = trimesh.sample.sample_surface(rest, 40_000, seed=0)
+    points, face = trimesh.sample.sample_surface(rest, 15_000, seed=0)
     step = SHEET_HALF_THICKNESS * rest.face_normals[face]
     ahead, behind = (
         scene.compute_signed_distance(o3d.core.Tensor((points + s * step).astype(np.float32)), nsamples=3).numpy()
@@ -128,6 +139,30 @@ def _close(rest: trimesh.Trimesh, name: str) -> tuple[list[trimesh.Trimesh], lis
     thin = (votes > 0) & (lone > 0.5 * votes)
     sheets = [rest.submesh([np.flatnonzero(thin)], append=True)] if thin.any() else []
     return [shell], sheets  # pyright: ignore[reportReturnType]
+
+
+def _is_flat(mesh: trimesh.Trimesh) -> bool:
+    spread = np.linalg.svd(mesh.vertices - mesh.vertices.mean(0), compute_uv=False)
+    return bool(spread[-1] < 1e-4)
+
+
+def _watertight(mesh: trimesh.Trimesh, name: str) -> trimesh.Trimesh:
+    """The closed surface around a mesh, made in a process of its own: on some sheets it never ends."""
+    arguments = (np.asarray(mesh.vertices, np.float64), np.asarray(mesh.faces, np.int32), _WATERTIGHT_RESOLUTION)
+    with multiprocessing.get_context("fork").Pool(1) as pool:
+        try:
+            vertices, faces = pool.apply_async(_manifold, arguments).get(_WATERTIGHT_SECONDS)
+        except multiprocessing.TimeoutError as error:
+            raise PriorError(f"mesh {name} cannot be closed: no surface within {_WATERTIGHT_SECONDS} s") from error
+    if len(faces) == 0 or not np.isfinite(vertices).all():
+        raise PriorError(f"mesh {name} cannot be closed: no watertight surface came out")
+    return trimesh.Trimesh(vertices, faces, process=False)
+
+
+def _manifold(vertices: np.ndarray, faces: np.ndarray, resolution: int) -> tuple[np.ndarray, np.ndarray]:
+    import point_cloud_utils as pcu
+
+    return pcu.make_mesh_watertight(vertices, faces, resolution)
 
 
 def _scene(mesh: trimesh.Trimesh) -> o3d.t.geometry.RaycastingScene:

@@ -29,7 +29,7 @@ _VERSION = 1  # raised when the same configuration begins to give other files
 class SampleConfig:
     """A synthetic scan; equal configurations give equal files."""
 
-    seed: int = 0
+    seed: int = 12
     """Of furniture, layout, path and noise."""
     name: str = "scene9000_00"
     """Name of the scan."""

@@ -1,0 +1,94 @@
+"""What the command line does: `objgraph map` and its helpers."""
+
+import json
+import logging
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+
+from objgraph.datasets.registry import load_scan
+from objgraph.errors import DatasetError
+from objgraph.map import ObjectMap
+from objgraph.mapping import MappingConfig, evaluated, map_scan, scene_points
+from objgraph.observation import Scan
+from objgraph.picture import map_picture
+from objgraph.report import evaluation_summary, evaluation_table, map_table
+
+log = logging.getLogger(__name__)
+
+SAMPLE_ROOT = Path("out/sample")
+"""Where the sample scan is generated unless `--root` says otherwise."""
+
+
+@dataclass(frozen=True)
+class MapCommand:
+    """Map the objects of one scan."""
+
+    dataset: str
+    """Data set: sample, scannet or sevenscenes."""
+    out: Path
+    """Folder for the map, its meshes and its picture."""
+    root: Path | None = None
+    """The data set's folder; the sample needs none."""
+    scene: str | None = None
+    """Name of the scan; may be left out where there is only one."""
+    views: int = 3
+    """Views of each object."""
+    scan2cad: Path | None = None
+    """Folder of the Scan2CAD annotations; by default beside `root`. Read by the evaluation alone."""
+    shapenet: Path | None = None
+    """Folder of the ShapeNet meshes; by default beside `root`. Read by the evaluation alone."""
+    config: MappingConfig = field(default_factory=MappingConfig)
+    """Everything else."""
+
+
+def run_map(command: MapCommand, console: Console) -> ObjectMap:
+    """Load, map, evaluate where there is ground truth, save, and show."""
+    scan = _load(command)
+    config = replace(command.config, views=command.views)
+    with _progress(console) as progress:
+        task = progress.add_task("starting", total=None)
+        object_map = map_scan(
+            scan, config, lambda what, done, total: progress.update(task, description=what, completed=done, total=total)
+        )
+    object_map = evaluated(object_map, dict(scan.ground_truth))
+    object_map.save(command.out)
+    _write_config(command.out / "config.json", config)
+    _show(object_map, scan, command.out, console)
+    return object_map
+
+
+def _load(command: MapCommand) -> Scan:
+    root = command.root
+    if root is None:
+        if command.dataset != "sample":
+            raise DatasetError(f"data set '{command.dataset}': --root must name its folder")
+        root = SAMPLE_ROOT
+    options = {"scan2cad": command.scan2cad, "shapenet": command.shapenet}
+    return load_scan(command.dataset, root, command.scene, **{k: v for k, v in options.items() if v is not None})
+
+
+def _progress(console: Console) -> Progress:
+    return Progress(
+        TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), console=console
+    )
+
+
+def _show(object_map: ObjectMap, scan: Scan, out: Path, console: Console) -> None:
+    console.print(map_table(object_map))
+    table = evaluation_table(object_map)
+    if table is not None:
+        console.print(table)
+        console.print(evaluation_summary(object_map))
+    if object_map.mapped:
+        frames = np.unique(np.linspace(0, len(scan.frames) - 1, min(24, len(scan.frames))).astype(int))
+        points, colors = scene_points(scan, frames, pixels=20000)
+        map_picture(object_map, points, colors, out / "map.png")
+    console.print(f"written to {out}")
+
+
+def _write_config(path: Path, config: MappingConfig) -> None:
+    path.write_text(json.dumps(asdict(config), indent=2) + "\n")

@@ -1,0 +1,101 @@
+"""Labelled covariances of an object, from the graph, and what they mean on its surface."""
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import gtsam
+import numpy as np
+import torch
+from jaxtyping import Float
+
+from factors.decoder import Decoder
+from factors.sdf import metres_per_unit, propagated_variance, query_points, sdf_jacobian
+from factors.state import RIGID_DOF, ObjectKeys, ObjectState
+from objgraph.errors import SolveError
+
+RIGID_AXES = (
+    *(f"rotation_{axis} [rad, object frame]" for axis in "xyz"),
+    *(f"translation_{axis} [m, object frame]" for axis in "xyz"),
+    *(f"log_scale_{axis} [1, object axis]" for axis in "xyz"),
+)
+"""GTSAM's Pose3 tangent in the body frame, then the log-scale."""
+
+
+@dataclass(frozen=True)
+class ObjectCovariance:
+    """Joint covariance of pose, log-scale and code, with the meaning of every axis."""
+
+    matrix: Float[np.ndarray, "9+l 9+l"]
+    axes: tuple[str, ...]
+    """One label a row: quantity, unit and frame."""
+    source: str
+    """Which estimate this is: "marginals" for the graph's."""
+
+    @property
+    def rigid(self) -> Float[np.ndarray, "9 9"]:
+        """Rotation, translation and log-scale."""
+        return self.matrix[:RIGID_DOF, :RIGID_DOF]
+
+    @property
+    def code(self) -> Float[np.ndarray, "l l"]:
+        return self.matrix[RIGID_DOF:, RIGID_DOF:]
+
+    @property
+    def sigma(self) -> Float[np.ndarray, "9+l"]:
+        """Standard deviation of every axis."""
+        return np.sqrt(np.diag(self.matrix))
+
+
+def marginals(
+    graph: gtsam.NonlinearFactorGraph, values: gtsam.Values, keys: ObjectKeys
+) -> ObjectCovariance:
+    """The object's joint marginal in `graph` at `values`.
+
+    Raises:
+        SolveError: the graph leaves something undetermined; the message names the key and what is missing.
+    """
+    matrix = joint_covariance(graph, values, list(keys))
+    length = len(matrix) - RIGID_DOF
+    axes = (*RIGID_AXES, *(f"code_{i} [1]" for i in range(length)))
+    return ObjectCovariance(matrix, axes, "marginals")
+
+
+def joint_covariance(
+    graph: gtsam.NonlinearFactorGraph, values: gtsam.Values, keys: Sequence[int]
+) -> Float[np.ndarray, "d d"]:
+    """Joint marginal covariance of `keys`, in their order; raises SolveError where it is not determined."""
+    try:
+        joint = gtsam.Marginals(graph, values).jointMarginalCovariance(gtsam.KeyVector(keys))
+    except RuntimeError as error:
+        raise SolveError(_explain(str(error))) from error
+    matrix = np.block([[joint.at(a, b) for b in keys] for a in keys])
+    return 0.5 * (matrix + matrix.T)
+
+
+def surface_sigma(
+    decoder: Decoder,
+    state: ObjectState,
+    covariance: ObjectCovariance,
+    p_object: Float[np.ndarray, "n 3"],
+) -> Float[np.ndarray, "n"]:
+    """Standard deviation, metres, of the surface along its normal at canonical points on it."""
+    query = query_points(decoder, state, gtsam.Pose3(), state.to_world(p_object))
+    jet = decoder.linearize(query.p_object, query.code[None])
+    metres = metres_per_unit(jet.d_point, state).double()
+    jacobian = metres[:, None] * sdf_jacobian(query, jet, camera=False).double()
+    return propagated_variance(jacobian, torch.as_tensor(covariance.matrix)).clamp_min(0).sqrt().numpy()
+
+
+def _explain(message: str) -> str:
+    symbol = re.search(r"Symbol:\s*(\w+)", message) or re.search(r"near variable\s*(\d+)", message)
+    if symbol is None:
+        return f"the covariance cannot be computed: {message.splitlines()[0]}"
+    name = symbol.group(1)
+    if name.isdigit():
+        name = gtsam.DefaultKeyFormatter(int(name))
+    missing = {"s": "a scale prior", "z": "a code prior", "o": "views of the object or a pose prior"}
+    return (
+        f"the graph does not determine {name}: it needs {missing.get(name[0], 'a prior')}, "
+        "or more measurements of it"
+    )

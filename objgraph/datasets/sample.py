@@ -1,0 +1,16 @@
+"""The project's own synthetic scan, generated where it is asked for; its layout is ScanNet's."""
+
+from pathlib import Path
+
+from objgraph.datasets import scannet
+from objgraph.observation import Scan
+from objgraph.synthetic.sample import ensure_sample
+
+
+def load(root: Path, scene: str | None = None) -> Scan:
+    """The sample scan; generated under `root` at the first call, which takes some seconds."""
+    return scannet.load(ensure_sample(root) / "scannet", scene)
+
+
+def scenes(root: Path) -> list[str]:
+    return scannet.scenes(ensure_sample(root) / "scannet")

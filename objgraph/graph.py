@@ -1,0 +1,189 @@
+"""Objects inside a GTSAM graph that the caller owns."""
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+import gtsam
+import numpy as np
+from jaxtyping import Float
+
+from factors.base import Annealing, ObservationFactor
+from factors.depth import DepthFactor, RaySampling
+from factors.priors import code_prior, scale_prior, upright_prior
+from factors.rendering import FullDistribution, Probabilistic, Renderer
+from factors.state import ObjectKeys, ObjectState
+from factors.surface import SurfaceFactor
+from factors.weighting import Weighting
+from objgraph.covariance import ObjectCovariance, marginals
+from objgraph.errors import SolveError
+from objgraph.prior.prior import ShapePrior
+from objgraph.sampling import ObjectView
+from objgraph.solve import Problem, SolverConfig, solve
+
+
+@dataclass(frozen=True)
+class GraphConfig:
+    """How measurements and priors are weighed."""
+
+    renderer: Literal["full", "probabilistic"] = "full"
+    """The 2D factor's renderer: the full termination distribution, or the paper's Gaussian depth."""
+    sampling: RaySampling = field(default_factory=RaySampling)
+    evidence: float = 1.0
+    """Independent measurements a patch of seen surface counts for, in each of the two factors of a view."""
+    anisotropy_sigma: float = 0.1
+    """Standard deviation of each axis' log-scale about their mean: the code, not the scale, stretches shapes."""
+    upright_sigma: float = 0.03
+    """Radians by which an object that stands on the floor may lean, about each level axis."""
+
+
+@dataclass
+class ObjectHandle:
+    """One object of an `ObjectGraph`."""
+
+    name: str
+    keys: ObjectKeys
+    prior: ShapePrior
+    factors: list[ObservationFactor] = field(default_factory=list)
+    views: list[str] = field(default_factory=list)
+
+
+class ObjectGraph:
+    """Adds objects, their priors and their views to the caller's graph and values; owns neither."""
+
+    def __init__(
+        self,
+        graph: gtsam.NonlinearFactorGraph,
+        values: gtsam.Values,
+        config: GraphConfig | None = None,
+    ) -> None:
+        self.graph = graph
+        self.values = values
+        self.config = config or GraphConfig()
+        self.objects: list[ObjectHandle] = []
+
+    def add_object(
+        self,
+        prior: ShapePrior,
+        state: ObjectState,
+        *,
+        up_world: Float[np.ndarray, "3"] | None = None,
+        keys: ObjectKeys | None = None,
+        name: str | None = None,
+    ) -> ObjectHandle:
+        """Add an object's variables at `state` and the priors on its code, its scale and, with `up_world`, its lean.
+
+        Raises:
+            FactorError: one of the keys is already in the values.
+        """
+        keys = keys or ObjectKeys.numbered(self._free_index())
+        state.insert(self.values, keys)
+        self.graph.push_back(code_prior(keys, prior.code_mean, prior.code_covariance))
+        self.graph.push_back(
+            scale_prior(keys, np.log(prior.size_mean), prior.size_log_sigma, self.config.anisotropy_sigma)
+        )
+        if up_world is not None:
+            self.graph.push_back(upright_prior(keys, up_world, self.config.upright_sigma))
+        handle = ObjectHandle(name or f"{prior.category} {len(self.objects)}", keys, prior)
+        self.objects.append(handle)
+        return handle
+
+    def observe(self, handle: ObjectHandle, view: ObjectView, camera: gtsam.Pose3 | int | None = None) -> None:
+        """Add the 3D and the 2D factor of one view.
+
+        `camera` is T_world_camera, or the key of a `Pose3` that holds it; by default the view's own pose.
+        """
+        camera = view.T_world_camera if camera is None else camera
+        prior, config = handle.prior, self.config
+        decoder, sigma = prior.decoder, prior.residual_sigma
+        surface = SurfaceFactor(
+            handle.keys, decoder, camera, view.points_camera, view.points_sigma,
+            prior_sigma=sigma, weighting=self._weighting(view.patches, len(view.points_camera)),
+        )  # fmt: skip
+        depth = DepthFactor(
+            handle.keys, decoder, camera, view.rays,
+            renderer=self._renderer(), prior_sigma=sigma, sampling=config.sampling,
+            weighting=self._weighting(view.patches, np.count_nonzero(view.rays.hit)),
+        )  # fmt: skip
+        for factor in (surface, depth):
+            self.graph.push_back(factor.gtsam_factor())
+            handle.factors.append(factor)
+        handle.views.append(view.frame)
+
+    def refresh(self, annealing: Annealing = Annealing()) -> None:  # noqa: B008
+        """Freeze noise and ray samples at the current values; the caller's optimiser may then run."""
+        for handle in self.objects:
+            for factor in handle.factors:
+                factor.refresh(self.values, annealing)
+
+    def optimize(self, config: SolverConfig | None = None) -> list[Problem]:
+        """Minimise the whole graph, each connected part by itself; the values are updated in place.
+
+        Raises:
+            SolveError: a part failed; the message names its objects. Parts that succeeded are updated all the same.
+        """
+        problems = self.problems()
+        solve(problems, config)
+        for problem in problems:
+            self.values.update(problem.values)
+        failed = [f"{problem.name}: {problem.failure}" for problem in problems if problem.failure]
+        if failed:
+            raise SolveError("; ".join(failed))
+        return problems
+
+    def problems(self) -> list[Problem]:
+        """The graph's connected parts, each with the values and the decoder factors that belong to it."""
+        part = _Parts()
+        indices = [i for i in range(self.graph.size()) if self.graph.exists(i)]
+        for i in indices:
+            part.join(self.graph.at(i).keys())
+        graphs: dict[int, gtsam.NonlinearFactorGraph] = {}
+        for i in indices:
+            factor = self.graph.at(i)
+            graphs.setdefault(part.of(factor.keys()[0]), gtsam.NonlinearFactorGraph()).push_back(factor)
+        problems = []
+        for root, graph in graphs.items():
+            handles = [handle for handle in self.objects if part.of(handle.keys.pose) == root]
+            values = self.values.extract(graph.keyVector())
+            name = ", ".join(handle.name for handle in handles) or "variables without objects"
+            problems.append(Problem(name, graph, values, [f for h in handles for f in h.factors]))
+        return problems
+
+    def state(self, handle: ObjectHandle) -> ObjectState:
+        return ObjectState.from_values(self.values, handle.keys)
+
+    def marginals(self, handle: ObjectHandle) -> ObjectCovariance:
+        """The object's joint covariance of pose, log-scale and code; raises SolveError where undetermined."""
+        for problem in self.problems():
+            if problem.values.exists(handle.keys.pose):
+                return marginals(problem.graph, problem.values, handle.keys)
+        raise SolveError(f"{handle.name} is not in the graph")
+
+    def _weighting(self, patches: int, rows: int) -> Weighting:
+        return Weighting("information", min(1.0, self.config.evidence * patches / max(rows, 1)))
+
+    def _renderer(self) -> Renderer:
+        return FullDistribution() if self.config.renderer == "full" else Probabilistic()
+
+    def _free_index(self) -> int:
+        index = len(self.objects)
+        while any(self.values.exists(key) for key in ObjectKeys.numbered(index)):
+            index += 1
+        return index
+
+
+class _Parts:
+    """Union-find over keys."""
+
+    def __init__(self) -> None:
+        self._parent: dict[int, int] = {}
+
+    def of(self, key: int) -> int:
+        parent = self._parent.setdefault(key, key)
+        if parent != key:
+            parent = self._parent[key] = self.of(parent)
+        return parent
+
+    def join(self, keys) -> None:
+        for key in keys:
+            self._parent[self.of(key)] = self.of(keys[0])
+

@@ -1,0 +1,224 @@
+"""The main job: a scan goes in, a map of solved objects with covariances comes out."""
+
+import logging
+import time
+from collections.abc import Callable, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, field, replace
+
+import numpy as np
+from jaxtyping import Float
+
+from objgraph.covariance import surface_sigma
+from objgraph.errors import InitialisationError, ObjectGraphError, ObservationError, SolveError
+from objgraph.evaluation.metrics import evaluate_object
+from objgraph.floor import estimate_floor
+from objgraph.graph import GraphConfig, ObjectGraph
+from objgraph.initialise import InitialisationConfig, guesses, rank, single_object_graph
+from objgraph.map import MappedObject, ObjectMap, PriorReference
+from objgraph.mesh import extract_mesh
+from objgraph.observation import FrameSource, GroundTruth, Instance, Scan
+from objgraph.prior.prior import ShapePrior
+from objgraph.prior.registry import load_prior
+from objgraph.sampling import ObjectView, SamplingConfig, observe
+from objgraph.solve import Problem, SolverConfig, solve
+from objgraph.view_selection import ViewConfig, ViewIndex, summarize
+
+log = logging.getLogger(__name__)
+
+Progress = Callable[[str, int, int], None]
+"""(what is being done, done, of how many)."""
+
+
+@dataclass(frozen=True)
+class MappingConfig:
+    """All settings of a mapping run."""
+
+    views: int = 3
+    """Views of each object."""
+    seed: int = 0
+    """Of everything that is sampled."""
+    mesh_resolution: int = 64
+    """Cells along an edge of the canonical cube."""
+    view: ViewConfig = field(default_factory=ViewConfig)
+    sampling: SamplingConfig = field(default_factory=SamplingConfig)
+    initialisation: InitialisationConfig = field(default_factory=InitialisationConfig)
+    graph: GraphConfig = field(default_factory=GraphConfig)
+    solver: SolverConfig = field(default_factory=SolverConfig)
+
+
+@dataclass
+class _Clock:
+    """Wall time by stage."""
+
+    seconds: dict[str, float] = field(default_factory=dict)
+
+    @contextmanager
+    def stage(self, name: str):
+        start = time.perf_counter()
+        try:
+            yield
+        finally:
+            self.seconds[name] = self.seconds.get(name, 0.0) + time.perf_counter() - start
+
+
+def map_scan(scan: Scan, config: MappingConfig | None = None, progress: Progress | None = None) -> ObjectMap:
+    """Map every object that the scan's masks name; an object that fails says why and stops no other.
+
+    The ground truth of the scan, if it has any, is not read.
+    """
+    config = config or MappingConfig()
+    tell = progress or (lambda what, done, total: None)
+    index = summarize(scan.frames, config.view, lambda done, total: tell("reading frames", done, total))
+    floor = scene_floor(scan, index)
+    entries = []
+    for i, instance in enumerate(scan.instances):
+        tell(f"mapping {instance.category} {instance.id}", i, len(scan.instances))
+        entries.append(map_instance(scan, instance, index, floor, config))
+    tell("mapped", len(scan.instances), len(scan.instances))
+    return ObjectMap(scan.name, tuple(entries), scan.up_world)
+
+
+def map_instance(
+    scan: Scan, instance: Instance, index: ViewIndex, floor: float | None, config: MappingConfig
+) -> MappedObject:
+    """Map one object of a scan; a failure is in the result, not raised."""
+    clock = _Clock()
+    try:
+        prior = load_prior(instance.category)
+        with clock.stage("observe"):
+            views = observe_instance(scan.frames, instance, index, config)
+        return map_object(instance, prior, views, scan.up_world, floor, config, clock)
+    except ObjectGraphError as error:
+        log.warning("%s %d could not be mapped: %s", instance.category, instance.id, error)
+        return MappedObject(
+            instance.id, instance.category, "failed", str(error), seconds_by_stage=clock.seconds
+        )
+
+
+def map_object(
+    instance: Instance,
+    prior: ShapePrior,
+    views: Sequence[ObjectView],
+    up_world: Float[np.ndarray, "3"],
+    floor: float | None,
+    config: MappingConfig,
+    clock: _Clock | None = None,
+) -> MappedObject:
+    """Initialise, solve, and describe one object from its views.
+
+    Raises:
+        InitialisationError, SolveError, FactorError: the object cannot be mapped; the message says why.
+    """
+    clock = clock or _Clock()
+    with clock.stage("initialise"):
+        states = guesses(prior, views, up_world, floor, config.initialisation)
+        states, tried = rank(prior, views, states, up_world, config.initialisation, config.graph)
+    with clock.stage("solve"):
+        graphs = [single_object_graph(prior, state, views, up_world, config.graph) for state in states]
+        problems = [graph.problems()[0] for graph in graphs]
+        solve(problems, config.solver)
+        objects, problem = _cheapest(graphs, problems, instance)
+        objects.values.update(problem.values)
+    handle = objects.objects[0]
+    with clock.stage("covariance"):
+        covariance = objects.marginals(handle)
+    state = objects.state(handle)
+    with clock.stage("mesh"):
+        mesh = extract_mesh(prior.decoder, state.code, resolution=config.mesh_resolution)
+        sigma = surface_sigma(prior.decoder, state, covariance, np.asarray(mesh.vertices))
+    spent = [*tried, *problems]
+    return MappedObject(
+        instance.id,
+        instance.category,
+        "mapped",
+        T_world_object=state.T_world_object.matrix(),
+        scale=state.scale,
+        code=state.code,
+        covariance=covariance.rigid,
+        code_sigma=np.sqrt(np.diag(covariance.code)),
+        cost_initial=problem.cost_initial,
+        cost_final=problem.cost,
+        linearizations=sum(p.linearizations for p in spent),
+        error_evaluations=sum(p.error_evaluations for p in spent),
+        seconds=sum(clock.seconds.values()),
+        seconds_by_stage=clock.seconds,
+        views=tuple(handle.views),
+        size_m=state.scale * mesh.extents,
+        prior=PriorReference(prior.category, prior.card.get("sha256", "unknown")),
+        vertices=state.to_world(np.asarray(mesh.vertices)),
+        faces=np.asarray(mesh.faces),
+        vertex_sigma=sigma,
+    )
+
+
+def observe_instance(
+    frames: FrameSource, instance: Instance, index: ViewIndex, config: MappingConfig
+) -> list[ObjectView]:
+    """The views of an object by the selection rule; one that cannot be used is left out with a warning."""
+    views, reasons = [], []
+    for i in index.select(instance.id, config.views):
+        try:
+            views.append(observe(frames[i], instance.id, config.sampling, seed=config.seed + i))
+        except ObservationError as error:
+            log.warning("a view is left out: %s", error)
+            reasons.append(str(error))
+    if not views:
+        raise InitialisationError(f"{instance.category} {instance.id}: no view can be used: {reasons[0]}")
+    return views
+
+
+def scene_floor(scan: Scan, index: ViewIndex, frames: int = 12, pixels: int = 4000) -> float | None:
+    """Height of the floor along the scan's up direction, from a few frames' depth; None where it is not seen."""
+    chosen = np.unique(np.linspace(0, len(scan.frames) - 1, min(frames, len(scan.frames))).astype(int))
+    return estimate_floor(scene_points(scan, chosen, pixels)[0], scan.up_world)
+
+
+def scene_points(
+    scan: Scan, frames: Sequence[int] | np.ndarray, pixels: int, seed: int = 0
+) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 3"] | None]:
+    """World points of some pixels of some frames, and their colours in 0..1 where the frames have any."""
+    rng = np.random.default_rng(seed)
+    points, colors = [], []
+    for i in frames:
+        frame = scan.frames[int(i)]
+        v, u = np.nonzero((frame.depth > 0) & np.isfinite(frame.depth) & (frame.depth < 8.0))
+        some = rng.permutation(len(v))[:pixels]
+        v, u = v[some], u[some]
+        p_camera = frame.intrinsics.backproject(u, v) * frame.depth[v, u, None]
+        T = frame.T_world_camera
+        points.append(p_camera @ T[:3, :3].T + T[:3, 3])
+        if frame.color is not None:
+            rows = np.minimum(v * frame.color.shape[0] // frame.intrinsics.height, frame.color.shape[0] - 1)
+            columns = np.minimum(u * frame.color.shape[1] // frame.intrinsics.width, frame.color.shape[1] - 1)
+            colors.append(frame.color[rows, columns] / 255.0)
+    whole = len(colors) == len(points)
+    return np.concatenate(points), np.concatenate(colors) if whole else None
+
+
+def evaluated(object_map: ObjectMap, truths: "dict[int, GroundTruth]", seed: int = 0) -> ObjectMap:
+    """The map with the errors of every object that has ground truth; a failed object counts as wrong."""
+    entries = []
+    for entry in object_map.objects:
+        truth = truths.get(entry.id)
+        if truth is None:
+            entries.append(entry)
+        elif entry.vertices is None or entry.T_world_object is None or entry.scale is None:
+            entries.append(replace(entry, evaluation={"pose_correct": False}))
+        else:
+            assert entry.faces is not None
+            R, t = entry.T_world_object[:3, :3], entry.T_world_object[:3, 3]
+            p_object = (entry.vertices - t) @ R / entry.scale
+            errors = evaluate_object(entry.T_world_object, entry.scale, p_object, entry.faces, truth, seed)
+            entries.append(replace(entry, evaluation=asdict(errors)))
+    return replace(object_map, objects=tuple(entries))
+
+
+def _cheapest(
+    graphs: Sequence[ObjectGraph], problems: Sequence[Problem], instance: Instance
+) -> tuple[ObjectGraph, Problem]:
+    solved = [i for i, problem in enumerate(problems) if problem.failure is None]
+    if not solved:
+        raise SolveError(f"{instance.category} {instance.id}: {problems[0].failure}")
+    best = min(solved, key=lambda i: problems[i].cost)
+    return graphs[best], problems[best]

@@ -1,0 +1,94 @@
+"""The state of a training on disk: one safetensors file, replaced atomically."""
+
+import json
+import os
+from pathlib import Path
+
+import torch
+from safetensors import SafetensorError, safe_open
+from safetensors.torch import save_file
+from torch import Tensor
+
+from objgraph.errors import PriorError
+
+
+def save_tensors(tensors: dict[str, Tensor], metadata: dict, path: Path) -> None:
+    """Write tensors with JSON metadata; a process killed meanwhile leaves the old file whole."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    try:
+        whole = {name: tensor.detach().contiguous().clone() for name, tensor in tensors.items()}
+        save_file(whole, temporary, {"json": json.dumps(metadata)})
+        os.replace(temporary, path)
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def load_tensors(path: Path) -> tuple[dict[str, Tensor], dict]:
+    """Tensors and metadata of a file that `save_tensors` wrote.
+
+    Raises:
+        PriorError: it is missing, truncated, or some other file; the message names it.
+    """
+    try:
+        with safe_open(path, framework="pt") as file:
+            metadata = json.loads((file.metadata() or {})["json"])
+            tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
+    except (OSError, SafetensorError, ValueError, KeyError) as error:
+        raise PriorError(f"{path} is missing, damaged, or not written by objgraph: {error}") from error
+    if not isinstance(metadata, dict):
+        raise PriorError(f"{path} is not written by objgraph: its metadata is no JSON object")
+    return tensors, metadata
+
+
+class AutoDecoder(torch.nn.Module):
+    """A decoder, the codes of its training shapes, and a running average of both."""
+
+    def __init__(self, decoder: torch.nn.Module, shapes: int, code_length: int, seed: int, decay: float) -> None:
+        super().__init__()
+        self.decoder = decoder
+        generator = torch.Generator().manual_seed(seed)
+        self.codes = torch.nn.Parameter(0.01 * torch.randn(shapes, code_length, generator=generator))
+        self.average = {name: value.detach().clone() for name, value in self.named_parameters()}
+        self.decay = decay
+
+    @torch.no_grad()
+    def update_average(self, step: int) -> None:
+        """Move the average towards the present weights; quickly at first."""
+        decay = min(self.decay, (step + 1) / (step + 10))
+        names, values = zip(*self.named_parameters(), strict=True)
+        torch._foreach_lerp_([self.average[name] for name in names], list(values), 1 - decay)
+
+    def averaged(self) -> dict[str, Tensor]:
+        """The averaged weights, by parameter name (`decoder.*` and `codes`)."""
+        return dict(self.average)
+
+
+def pack(model: AutoDecoder, optimizer: torch.optim.Optimizer) -> dict[str, Tensor]:
+    """Everything that a resumed training needs, as named tensors."""
+    tensors = {f"weight/{name}": value for name, value in model.named_parameters()}
+    tensors |= {f"average/{name}": value for name, value in model.average.items()}
+    for i, state in optimizer.state_dict()["state"].items():
+        tensors |= {f"adam/{i}/{key}": value for key, value in state.items()}
+    return tensors
+
+
+@torch.no_grad()
+def unpack(tensors: dict[str, Tensor], model: AutoDecoder, optimizer: torch.optim.Optimizer, path: Path) -> None:
+    """Put a packed state back.
+
+    Raises:
+        PriorError: the tensors are of another network or another set of shapes.
+    """
+    try:
+        for name, value in model.named_parameters():
+            value.copy_(tensors[f"weight/{name}"])
+            model.average[name].copy_(tensors[f"average/{name}"])
+        state: dict[int, dict[str, Tensor]] = {}
+        for name, tensor in tensors.items():
+            if name.startswith("adam/"):
+                _, i, key = name.split("/")
+                state.setdefault(int(i), {})[key] = tensor
+        optimizer.load_state_dict({"state": state, "param_groups": optimizer.state_dict()["param_groups"]})
+    except (KeyError, RuntimeError, ValueError) as error:
+        raise PriorError(f"{path} is the checkpoint of another training: give an empty folder ({error})") from error

@@ -1,0 +1,93 @@
+"""A shape prior as one safetensors file: weights and code statistics as tensors, the model card as JSON."""
+
+import hashlib
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from factors.decoder import Decoder, DecoderConfig
+from factors.errors import FactorError
+from objgraph.errors import PriorError
+from objgraph.prior.checkpoint import load_tensors, save_tensors
+from objgraph.prior.prior import ShapePrior
+
+FORMAT = "objgraph-prior-1"
+FRAME = "y up, front at -z, bounding box centred (ShapeNetCore.v2's axes)"
+SCALE = "bounding-box diagonal 1; distances in the same unit, negative inside"
+
+
+def save_prior(prior: ShapePrior, path: Path) -> None:
+    """Write a prior atomically, with the hash of its tensors in the card."""
+    tensors = {f"decoder.{name}": value for name, value in prior.decoder.state_dict().items()}
+    tensors["code_mean"] = torch.from_numpy(np.asarray(prior.code_mean, np.float64))
+    tensors["code_covariance"] = torch.from_numpy(np.asarray(prior.code_covariance, np.float64))
+    header = {
+        "format": FORMAT,
+        "category": prior.category,
+        "frame": FRAME,
+        "scale": SCALE,
+        "decoder": asdict(prior.decoder.config),
+        "residual_sigma": prior.residual_sigma,
+        "size_mean": prior.size_mean,
+        "size_log_sigma": prior.size_log_sigma,
+        "sha256": digest(tensors),
+        "card": {k: v for k, v in prior.card.items() if k not in _HEADER},
+    }
+    save_tensors(tensors, header, path)
+
+
+def load_prior_file(path: Path) -> ShapePrior:
+    """Read a prior; the card it gets back holds the header's entries too.
+
+    Raises:
+        PriorError: the file is missing, truncated, damaged, or no prior; the message names it.
+    """
+    tensors, header = load_tensors(path)
+    if header.get("format") != FORMAT:
+        raise PriorError(f"{path} is no shape prior of this library (format {header.get('format')!r}, not {FORMAT!r})")
+    if digest(tensors) != header.get("sha256"):
+        raise PriorError(f"{path} is damaged: its tensors do not have the hash that its card gives")
+    try:
+        config = DecoderConfig(**header["decoder"])
+        decoder = Decoder(config)
+        prefix = "decoder."
+        decoder.load_state_dict({k.removeprefix(prefix): v for k, v in tensors.items() if k.startswith(prefix)})
+        mean, covariance = tensors["code_mean"].numpy(), tensors["code_covariance"].numpy()
+        numbers = [float(header[key]) for key in ("residual_sigma", "size_mean", "size_log_sigma")]
+        card = {**header["card"], **{key: header[key] for key in _HEADER}}
+        category = str(header["category"])
+    except (KeyError, TypeError, ValueError, RuntimeError, FactorError) as error:
+        raise PriorError(f"{path} is no usable shape prior: {error}") from error
+    length = config.code_length
+    if mean.shape != (length,) or covariance.shape != (length, length):
+        raise PriorError(
+            f"{path}: code statistics of shapes {mean.shape} and {covariance.shape} do not fit a decoder of "
+            f"{length}-dimensional codes"
+        )
+    arrays = [mean, covariance, numbers, *(value.numpy() for value in decoder.state_dict().values())]
+    if not all(np.isfinite(array).all() for array in arrays):
+        raise PriorError(f"{path}: a weight or statistic is not finite")
+    decoder.requires_grad_(False).eval()
+    return ShapePrior(category, decoder, mean, covariance, *numbers, card=card)
+
+
+def digest(tensors: dict[str, Tensor]) -> str:
+    """SHA-256 over names, shapes and bytes, in the names' order."""
+    sha = hashlib.sha256()
+    for name in sorted(tensors):
+        value = tensors[name].detach().contiguous().cpu().numpy()
+        sha.update(f"{name} {value.dtype} {value.shape}".encode())
+        sha.update(value.tobytes())
+    return sha.hexdigest()
+
+
+def card_of(path: Path) -> dict[str, Any]:
+    """The model card of a prior's file."""
+    return load_prior_file(path).card
+
+
+_HEADER = ("format", "frame", "scale", "decoder", "sha256")

@@ -1,0 +1,224 @@
+"""From a frame and an instance id to what the factors take: surface points and rays in the camera frame."""
+
+from dataclasses import dataclass
+
+import gtsam
+import numpy as np
+from jaxtyping import Bool, Float
+from scipy.ndimage import distance_transform_edt
+
+from factors.rays import Rays
+from objgraph.errors import ObservationError
+from objgraph.observation import Frame
+
+
+@dataclass(frozen=True)
+class SensorNoise:
+    """Standard deviation of a depth z: `base + quadratic * z^2`, metres."""
+
+    base: float = 0.003
+    """At the camera."""
+    quadratic: float = 0.0015
+    """1/metres; a structured-light sensor's is about 0.0015 to 0.003."""
+
+    def __call__(self, depth: Float[np.ndarray, "n"]) -> Float[np.ndarray, "n"]:
+        return self.base + self.quadratic * np.square(depth)
+
+
+@dataclass(frozen=True)
+class SamplingConfig:
+    """How a view of an object is sampled."""
+
+    points: int = 400
+    """Surface points a view."""
+    hits: int = 250
+    """Rays a view that end on the object."""
+    free: int = 250
+    """Rays a view that pass beside it."""
+    min_pixels: int = 60
+    """Mask pixels with depth below which a view says too little to be used."""
+    max_depth: float = 20.0
+    """Depths beyond this are no measurements of furniture or cars; a median beyond it is taken for an error."""
+    margin: float = 0.12
+    """The mask's bounding box is widened by this share of its size for the free rays."""
+    mask_sigma: float = 1.0
+    """Pixels by which a mask's outline errs."""
+    flying: float = 0.06
+    """A pixel whose depth differs by more (metres) from the median of its mask neighbours is between surfaces."""
+    patch: float = 0.2
+    """Metres: surface closer than this errs together, so each such patch is one independent measurement."""
+    noise: SensorNoise = SensorNoise()
+
+
+@dataclass(frozen=True)
+class ObjectView:
+    """One view of one object, sampled."""
+
+    frame: str
+    T_world_camera: gtsam.Pose3
+    points_camera: Float[np.ndarray, "n 3"]
+    """Measured surface points, metres."""
+    points_sigma: Float[np.ndarray, "n"]
+    """The sensor's standard deviation at each."""
+    rays: Rays
+    patches: int
+    """Number of independent patches of surface seen: the effective number of measurements."""
+
+    @property
+    def points_world(self) -> Float[np.ndarray, "n 3"]:
+        return (
+            self.points_camera @ self.T_world_camera.rotation().matrix().T + self.T_world_camera.translation()
+        )
+
+    def thinned(self, points: int, rays: int, seed: int = 0) -> "ObjectView":
+        """A random part of this view, for cheap early decisions."""
+        rng = np.random.default_rng(seed)
+        some = rng.permutation(len(self.points_camera))[:points]
+        few = rng.permutation(len(self.rays.depth))[:rays]
+        return ObjectView(
+            self.frame, self.T_world_camera, self.points_camera[some], self.points_sigma[some],
+            self.rays.take(few), self.patches,
+        )  # fmt: skip
+
+
+def observe(
+    frame: Frame, instance: int, config: SamplingConfig | None = None, seed: int = 0
+) -> ObjectView:
+    """Sample what `frame` says about the object `instance`.
+
+    Rays: a mask pixel with depth ends on the object; a pixel off the mask leaves the object's place free up to its
+    depth, be that behind the object (background) or in front of it (an occluder: it then says nothing of the
+    object). A pixel without depth is left out.
+
+    Raises:
+        ObservationError: too few usable pixels, a mask that fills the picture, depths that cannot be metres or a
+            camera pose that is no rigid motion; the message names the frame and the object.
+    """
+    config = config or SamplingConfig()
+    where = f"frame {frame.name}, object {instance}"
+    T_world_camera = _rigid(frame, where)
+    depth = _clean_depth(frame, where, config)
+    mask = frame.instances == instance
+    on_object = mask & (depth > 0)
+    _check_mask(mask, on_object, where, config)
+    on_object = _without_flying(depth, on_object, config)
+    if np.count_nonzero(on_object) < config.min_pixels:
+        raise ObservationError(
+            f"{where}: {np.count_nonzero(on_object)} mask pixels have a steady depth, at least "
+            f"{config.min_pixels} are due; choose another view"
+        )
+    rng = np.random.default_rng(seed)
+    v, u = np.nonzero(on_object)
+    z = depth[v, u]
+    points = frame.intrinsics.backproject(u, v) * z[:, None]
+    weight = _even_weights(points)
+    chosen = _draw(rng, weight, config.points)
+    hits = _draw(rng, weight, config.hits)
+    free_v, free_u = np.nonzero(_free_pixels(depth, mask, float(np.percentile(z, 1)), config))
+    free = _draw(rng, np.ones(len(free_v)), config.free)
+    free_v, free_u = free_v[free], free_u[free]
+    directions = np.concatenate(
+        [frame.intrinsics.backproject(u[hits], v[hits]), frame.intrinsics.backproject(free_u, free_v)]
+    )
+    behind = _background(depth, mask)[v[hits], u[hits]]
+    end = np.concatenate([behind, depth[free_v, free_u]])
+    ends_at = np.concatenate([z[hits], np.full(len(free), np.inf)])
+    pixel = config.mask_sigma * np.median(z) / frame.intrinsics.fx
+    rays = Rays(directions, ends_at, end, np.hypot(config.noise(np.minimum(ends_at, np.median(z))), pixel))
+    return ObjectView(
+        frame.name,
+        T_world_camera,
+        points[chosen],
+        config.noise(points[chosen, 2]),
+        rays,
+        count_patches(points, config.patch),
+    )
+
+
+def count_patches(points: Float[np.ndarray, "n 3"], edge: float) -> int:
+    """Number of cubes of that edge, metres, that hold a fair share of the points."""
+    _, counts = np.unique(np.floor(points / edge).astype(int), axis=0, return_counts=True)
+    return max(1, int(np.count_nonzero(counts > 0.1 * counts.mean())))
+
+
+def _rigid(frame: Frame, where: str) -> gtsam.Pose3:
+    T = np.asarray(frame.T_world_camera, dtype=float)
+    if T.shape != (4, 4) or not np.isfinite(T).all():
+        raise ObservationError(f"{where}: the camera pose is not a finite 4x4 matrix; leave the frame out")
+    R = T[:3, :3]
+    if np.abs(R @ R.T - np.eye(3)).max() > 1e-2 or np.linalg.det(R) < 0:
+        raise ObservationError(f"{where}: the camera pose is no rigid motion; leave the frame out")
+    return gtsam.Pose3(gtsam.Rot3.ClosestTo(R), T[:3, 3])
+
+
+def _clean_depth(frame: Frame, where: str, config: SamplingConfig) -> Float[np.ndarray, "h w"]:
+    depth = np.where(np.isfinite(frame.depth), frame.depth, 0.0)
+    valid = depth[depth > 0]
+    if len(valid) and np.median(valid) > config.max_depth:
+        raise ObservationError(
+            f"{where}: the median depth is {np.median(valid):.0f} m; depths must be metres "
+            "(millimetres: divide by 1000)"
+        )
+    return np.where(depth <= config.max_depth, depth, 0.0)
+
+
+def _check_mask(
+    mask: Bool[np.ndarray, "h w"], on_object: Bool[np.ndarray, "h w"], where: str, config: SamplingConfig
+) -> None:
+    if not mask.any():
+        raise ObservationError(f"{where}: the mask is empty; choose a frame that shows the object")
+    if mask.mean() > 0.98:
+        raise ObservationError(f"{where}: the mask covers the whole picture; is it a mask of this object?")
+    if np.count_nonzero(on_object) < config.min_pixels:
+        raise ObservationError(
+            f"{where}: {np.count_nonzero(on_object)} mask pixels have depth, at least {config.min_pixels} are due; "
+            "choose another view"
+        )
+
+
+def _without_flying(
+    depth: Float[np.ndarray, "h w"], on_object: Bool[np.ndarray, "h w"], config: SamplingConfig
+) -> Bool[np.ndarray, "h w"]:
+    """Mask pixels whose depth agrees with that of most of their neighbours on the mask."""
+    masked = np.where(on_object, depth, 0.0).astype(np.float32)
+    near = np.zeros(depth.shape, np.int32)
+    for dv, du in ((-1, 0), (1, 0), (0, -1), (0, 1)):
+        shifted = np.roll(masked, (dv, du), axis=(0, 1))
+        near += np.abs(shifted - masked) < config.flying
+    return on_object & (near >= 2)
+
+
+def _free_pixels(
+    depth: Float[np.ndarray, "h w"], mask: Bool[np.ndarray, "h w"], nearest: float, config: SamplingConfig
+) -> Bool[np.ndarray, "h w"]:
+    v, u = np.nonzero(mask)
+    height, width = mask.shape
+    pad_v = int(config.margin * (np.ptp(v) + 1)) + 2
+    pad_u = int(config.margin * (np.ptp(u) + 1)) + 2
+    box = np.zeros_like(mask)
+    box[
+        max(v.min() - pad_v, 0) : min(v.max() + pad_v + 1, height),
+        max(u.min() - pad_u, 0) : min(u.max() + pad_u + 1, width),
+    ] = True
+    return box & ~mask & (depth > nearest)
+
+
+def _background(depth: Float[np.ndarray, "h w"], mask: Bool[np.ndarray, "h w"]) -> Float[np.ndarray, "h w"]:
+    """Depth of the nearest pixel off the mask: what would be seen there but for the object, about its outline."""
+    v, u = distance_transform_edt(mask, return_distances=False, return_indices=True)
+    behind = depth[v, u]
+    return np.where(behind > 0, behind, np.inf)
+
+
+def _even_weights(points: Float[np.ndarray, "n 3"], edge: float = 0.03) -> Float[np.ndarray, "n"]:
+    """Weights that even out how densely the surface is sampled, so that a thin leg counts beside a wide seat."""
+    _, inverse, counts = np.unique(
+        np.floor(points / edge).astype(int), axis=0, return_inverse=True, return_counts=True
+    )
+    return 1.0 / np.sqrt(counts[inverse.ravel()])
+
+
+def _draw(rng: np.random.Generator, weight: Float[np.ndarray, "n"], count: int) -> np.ndarray:
+    if len(weight) <= count:
+        return np.arange(len(weight))
+    return rng.choice(len(weight), count, replace=False, p=weight / weight.sum())

@@ -1,0 +1,217 @@
+"""Levenberg-Marquardt on GTSAM graphs, many independent ones in lockstep.
+
+Objects that share no unknown variable are independent: each has its own damping and stops by itself, but all
+decode together, in one call of the network a step. Damping follows the gain ratio (Nielsen, "Damping parameter in
+Marquardt's method", 1999).
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+import gtsam
+import numpy as np
+
+from factors.base import Annealing, ObservationFactor
+from factors.batch import prefetch
+from objgraph.errors import SolveError
+
+
+@dataclass(frozen=True)
+class LevenbergMarquardtConfig:
+    """One minimisation with everything frozen."""
+
+    iterations: int = 6
+    """Accepted and rejected steps at most."""
+    initial_damping: float = 1e-3
+    """Relative to the Hessian's diagonal."""
+    relative_tolerance: float = 1e-3
+    """Stop where an accepted step lowers the cost by less than this share of it."""
+
+
+@dataclass(frozen=True)
+class SolverConfig:
+    """Freeze, solve, refresh."""
+
+    slopes: tuple[float, ...] = (60.0, 120.0, 240.0, 400.0)
+    """Occupancy slopes (1/metres) of the rounds; the last one is repeated."""
+    rounds: int = 6
+    """Rounds at most."""
+    relative_tolerance: float = 2e-3
+    """Stop at the last slope where a round lowers the refreshed cost by less than this share of it."""
+    inner: LevenbergMarquardtConfig = field(default_factory=LevenbergMarquardtConfig)
+
+
+@dataclass
+class Problem:
+    """One connected set of unknowns: a graph, its current estimate, and what was spent on it."""
+
+    name: str
+    """Whom an error message should name."""
+    graph: gtsam.NonlinearFactorGraph
+    values: gtsam.Values
+    factors: Sequence[ObservationFactor]
+    """Those of the graph's factors that use a decoder."""
+    cost_initial: float = np.nan
+    cost: float = np.nan
+    linearizations: int = 0
+    error_evaluations: int = 0
+    failure: str | None = None
+    """Why it was given up; the values are then the last good ones."""
+
+    def refresh(self, slope: float) -> None:
+        for factor in self.factors:
+            factor.refresh(self.values, Annealing(slope))
+
+
+def solve(
+    problems: Sequence[Problem],
+    config: SolverConfig | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> None:
+    """Minimise every problem in place, freezing and refreshing along the slopes.
+
+    A problem that fails gets its `failure` set and leaves the others alone. The values kept are those of the lowest
+    refreshed cost at the last slope. `progress` is called with (rounds done, rounds at most).
+    """
+    config = config or SolverConfig()
+    best: dict[int, tuple[float, gtsam.Values]] = {}
+    active = list(problems)
+    for round_index in range(config.rounds):
+        slope = config.slopes[min(round_index, len(config.slopes) - 1)]
+        final = round_index >= len(config.slopes) - 1
+        active = [problem for problem in active if _guarded(problem, lambda p, s=slope: p.refresh(s))]
+        active = _levenberg_marquardt(active, config.inner, first=round_index == 0)
+        if final:
+            active = [p for p in active if _still_falling(p, best, slope, config.relative_tolerance)]
+        if progress is not None:
+            progress(round_index + 1, config.rounds)
+        if not active:
+            break
+    for problem in problems:
+        if id(problem) in best:
+            problem.cost, problem.values = best[id(problem)]
+
+
+def _still_falling(
+    problem: Problem, best: dict[int, tuple[float, gtsam.Values]], slope: float, tolerance: float
+) -> bool:
+    if not _guarded(problem, lambda p: p.refresh(slope)):
+        return False
+    cost = problem.graph.error(problem.values)
+    before = best.get(id(problem), (np.inf, problem.values))[0]
+    if cost < before:
+        best[id(problem)] = (cost, gtsam.Values(problem.values))
+    return before - cost > tolerance * cost
+
+
+def minimize(problem: Problem, config: LevenbergMarquardtConfig | None = None) -> None:
+    """One Levenberg-Marquardt run with everything frozen as it is; raises SolveError where it fails."""
+    _levenberg_marquardt([problem], config or LevenbergMarquardtConfig(), first=True)
+    if problem.failure is not None:
+        raise SolveError(f"{problem.name}: {problem.failure}")
+
+
+@dataclass
+class _Step:
+    problem: Problem
+    damping: float
+    growth: float = 2.0
+    linear: gtsam.GaussianFactorGraph | None = None
+    trial: gtsam.Values | None = None
+    predicted: float = 0.0
+    done: bool = False
+
+
+def _levenberg_marquardt(
+    problems: Sequence[Problem], config: LevenbergMarquardtConfig, first: bool
+) -> list[Problem]:
+    steps = [_Step(problem, config.initial_damping) for problem in problems]
+    _decode(steps, trial=False)
+    for step in steps:
+        step.done = not _guarded(step.problem, _start)
+        if first and not step.done:
+            step.problem.cost_initial = step.problem.cost
+    for _ in range(config.iterations):
+        running = [step for step in steps if not step.done]
+        for step in running:
+            step.done = not _guarded(step.problem, lambda _, s=step: _propose(s))
+        running = [step for step in running if not step.done]
+        if not running:
+            break
+        # the decoder's derivatives are asked for at once: most trials are accepted and then need them
+        _decode(running, trial=True)
+        for step in running:
+            step.done = not _guarded(step.problem, lambda _, s=step: _judge(s, config))
+    return [problem for problem in problems if problem.failure is None]
+
+
+def _decode(steps: Sequence[_Step], trial: bool) -> None:
+    for step in steps:
+        if step.problem.failure is None:
+            values = step.trial if trial and step.trial is not None else step.problem.values
+            _guarded(step.problem, lambda p, v=values: prefetch(p.factors, v, jacobian=True))
+
+
+def _start(problem: Problem) -> None:
+    problem.cost = problem.graph.error(problem.values)
+    problem.error_evaluations += 1
+    if not np.isfinite(problem.cost):
+        raise SolveError(f"the cost at the start is {problem.cost}")
+
+
+def _propose(step: _Step) -> None:
+    problem = step.problem
+    if step.linear is None:
+        step.linear = problem.graph.linearize(problem.values)
+        problem.linearizations += 1
+    delta = _damped(step.linear, step.damping).optimize()
+    step.predicted = problem.cost - step.linear.error(delta)
+    step.trial = problem.values.retract(delta)
+
+
+def _judge(step: _Step, config: LevenbergMarquardtConfig) -> None:
+    problem = step.problem
+    assert step.trial is not None
+    cost = problem.graph.error(step.trial)
+    problem.error_evaluations += 1
+    gain = (problem.cost - cost) / max(step.predicted, 1e-300)
+    if np.isfinite(cost) and cost < problem.cost and gain > 1e-4:
+        step.done = problem.cost - cost < config.relative_tolerance * problem.cost
+        problem.values, problem.cost, step.linear = step.trial, cost, None
+        step.damping = max(step.damping * max(1 / 3, 1 - (2 * gain - 1) ** 3), 1e-9)
+        step.growth = 2.0
+        return
+    step.damping *= step.growth
+    step.growth *= 2.0
+    step.done = step.damping > 1e6 or step.predicted < 1e-9 * (1.0 + problem.cost)
+
+
+def _damped(linear: gtsam.GaussianFactorGraph, damping: float) -> gtsam.GaussianFactorGraph:
+    """The linear graph with Marquardt's scaled damping on every unknown."""
+    damped = gtsam.GaussianFactorGraph()
+    for i in range(linear.size()):
+        damped.push_back(linear.at(i))
+    for key, diagonal in _hessian_diagonal(linear).items():
+        weight = np.sqrt(damping * np.clip(diagonal, 1e-6, 1e12))
+        unit = gtsam.noiseModel.Unit.Create(len(weight))
+        damped.push_back(gtsam.JacobianFactor(key, np.diag(weight), np.zeros(len(weight)), unit))
+    return damped
+
+
+def _hessian_diagonal(linear: gtsam.GaussianFactorGraph) -> dict[int, np.ndarray]:
+    zero = linear.gradientAtZero()
+    _, column, value = linear.sparseJacobian_()
+    total = sum(zero.at(key).size for key in linear.keyVector())
+    diagonal = np.bincount(column.astype(int) - 1, value**2, minlength=total + 1)[:total]
+    dims = [zero.at(key).size for key in sorted(linear.keyVector())]
+    return dict(zip(sorted(linear.keyVector()), np.split(diagonal, np.cumsum(dims)[:-1]), strict=True))
+
+
+def _guarded(problem: Problem, action: Callable[[Problem], None]) -> bool:
+    """Run `action`; a failure is written down, so that one object's never takes the others along."""
+    try:
+        action(problem)
+    except (RuntimeError, ValueError) as error:  # GTSAM's own exceptions are RuntimeErrors
+        problem.failure = str(error).strip().split("\n")[0]
+        return False
+    return True
