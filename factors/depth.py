@@ -79,7 +79,7 @@ class DepthFactor(ObservationFactor):
         near, far = box_interval(state, camera, self._rays.directions_camera)
         meets = np.flatnonzero((far - near > 1e-3) & (self._rays.end > near))
         targets = RayTargets(
-            *(torch.as_tensor(getattr(self._rays, name)[meets]) for name in ("depth", "end", "sigma"))
+            *(torch.as_tensor(getattr(self._rays, name)[meets]) for name in ("depth", "hit", "end", "sigma"))
         )
         cells = self._choose_cells(state, camera, near[meets], far[meets], meets, targets, annealing)
         p_camera = self._points(meets, cells.depth)
@@ -141,7 +141,7 @@ class DepthFactor(ObservationFactor):
         metres = float(np.exp(state.log_scale.mean()))
         band = max(2.0 / annealing.slope, 0.5 * metres / self._sampling.coarse)
         return choose_cells(
-            start, end, metres * sdf, torch.minimum(targets.depth, targets.end), self._sampling.cells, band
+            start, end, metres * sdf, torch.minimum(targets.stop, targets.end), self._sampling.cells, band
         )
 
     def _points(self, rays: np.ndarray, depth: Tensor) -> np.ndarray:

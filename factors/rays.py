@@ -21,7 +21,10 @@ class Rays:
 
     directions_camera: Float[np.ndarray, "r 3"]
     depth: Float[np.ndarray, "r"]
-    """z-depth of the surface in metres where the ray ends on the object; infinite where it passes it."""
+    """z-depth of the object's surface in metres: where a hit ends, and where the object's outline next to a ray
+    that passes it is."""
+    hit: Bool[np.ndarray, "r"]
+    """True where the ray ends on the object, False where it passes it."""
     end: Float[np.ndarray, "r"]
     """z-depth up to which the ray is, or without the object would be, seen: where the background or an occluder
     begins. It says nothing about the object beyond."""
@@ -32,22 +35,20 @@ class Rays:
         n = len(self.directions_camera)
         if n == 0 or self.directions_camera.shape != (n, 3):
             raise FactorError(f"rays of shape {self.directions_camera.shape}: (r, 3) with r > 0 is due")
-        for name in ("depth", "end", "sigma"):
+        for name in ("depth", "hit", "end", "sigma"):
             if getattr(self, name).shape != (n,):
                 raise FactorError(f"`{name}` of the rays must have {n} entries")
         if not np.isfinite(self.directions_camera).all() or np.isnan([self.depth, self.end]).any():
             raise FactorError("ray directions and depths must not be NaN: drop pixels without depth first")
-        if not (self.depth > 0).all() or not ((self.sigma > 0) & np.isfinite(self.sigma)).all():
+        if (
+            not ((self.depth > 0) & np.isfinite(self.depth)).all()
+            or not ((self.sigma > 0) & np.isfinite(self.sigma)).all()
+        ):
             raise FactorError("depths and standard deviations of rays must be positive")
-
-    @property
-    def hit(self) -> Bool[np.ndarray, "r"]:
-        """True where the ray ends on the object, False where it passes it."""
-        return np.isfinite(self.depth)
 
     def take(self, indices: np.ndarray) -> "Rays":
         """Some of the rays."""
-        return Rays(self.directions_camera[indices], self.depth[indices], self.end[indices], self.sigma[indices])
+        return Rays(*(array[indices] for array in vars(self).values()))
 
 
 @dataclass(frozen=True)

@@ -27,12 +27,14 @@ class RayTargets:
     """Observations of r rays as tensors; the meaning of the fields is that of `factors.rays.Rays`."""
 
     depth: Float[Tensor, "r"]
+    hit: Bool[Tensor, "r"]
     end: Float[Tensor, "r"]
     sigma: Float[Tensor, "r"]
 
     @property
-    def hit(self) -> Bool[Tensor, "r"]:
-        return self.depth.isfinite()
+    def stop(self) -> Float[Tensor, "r"]:
+        """Depth of a hit; infinite where the ray passes the object."""
+        return torch.where(self.hit, self.depth, torch.inf)
 
 
 class RenderedRows(NamedTuple):
@@ -70,9 +72,9 @@ class FullDistribution:
     F = 1 - T with T the expected transmittance, so the score is a sum of squares over a ray's cells, and the
     rows are natural Gauss-Newton rows. A free ray says T = 1 as far as it is known to be free.
 
-    With `reach` the integral is weighted over depth (a threshold-weighted score, Gneiting & Ranjan 2011, proper for
-    any weight that does not depend on the estimate): at a silhouette the score would otherwise be the length of
-    the way behind the object, which is arbitrary and differs between the two sides of the outline.
+    With `reach` the integral is weighted over depth (a threshold-weighted score, Gneiting & Ranjan 2011, proper
+    for any weight that does not depend on the estimate): at an outline the score would otherwise be the length of
+    the way behind the object, which is arbitrary and differs between the outline's two sides.
     """
 
     correlation: Literal["comonotone", "independent"] = "comonotone"
@@ -80,8 +82,8 @@ class FullDistribution:
     is behind the first surface then depends on how densely it is sampled), "comonotone" takes the smallest
     1 - o so far (a ray's SDF errors are those of one pose and one code; independent of the sampling)."""
     reach: float | None = 3.0
-    """Spreads about the observed depth that weigh fully; all the rest of the ray on either side weighs as much as
-    one more. None: every metre weighs the same."""
+    """Spreads about the surface's depth (for a free ray: of the outline next to it) that weigh fully; the rest of
+    the ray on either side weighs as much as one more. None: every metre weighs the same."""
 
     def freeze(
         self, sdf: Tensor, sdf_sigma: Tensor, cells: RayCells, targets: RayTargets, slope: float
@@ -116,10 +118,12 @@ class FullDistribution:
     ) -> RenderedRows:
         passed, d_passed = self.transmittance(sdf, _tau(sdf_sigma, targets, slope))
         width, escape = self._weighted_widths(cells, targets, spread)
-        target = (cells.depth < targets.depth[:, None]).to(sdf)
-        beyond = (cells.far < targets.depth).to(sdf)
+        target = (cells.depth < targets.stop[:, None]).to(sdf)
+        beyond = (cells.far < targets.stop).to(sdf)
         root, escape_root = (2 * width).sqrt(), (2 * escape).sqrt()
-        residual = torch.cat([root * (passed - target), (escape_root * (passed[:, -1] - beyond))[:, None]], dim=1)
+        residual = torch.cat(
+            [root * (passed - target), (escape_root * (passed[:, -1] - beyond))[:, None]], dim=1
+        )
         d_sdf = torch.cat([root[..., None] * d_passed, escape_root[:, None, None] * d_passed[:, -1:]], dim=1)
         return RenderedRows(0.5 * residual.square().sum(dim=1), residual, d_sdf)
 
@@ -135,14 +139,12 @@ class FullDistribution:
         spread = spread[:, None]
         width = torch.cat([width, escape[:, None]], dim=1)
         depth = torch.cat([cells.depth, cells.far[:, None] + 0.5 * escape[:, None]], dim=1)
-        hit, observed = targets.hit[:, None], targets.depth[:, None]
-        near = hit & ((depth - observed).abs() < self.reach * spread)
-        before, behind = ~near & (depth < observed), ~near & (depth >= observed)
-        total = torch.where(hit, spread, (self.reach + 1) * spread)
+        offset = depth - targets.depth[:, None]
+        near = offset.abs() < self.reach * spread
         weight = near.to(width)
-        for side in (before, behind):
+        for side in (~near & (offset < 0), ~near & (offset > 0)):
             length = (width * side).sum(dim=1, keepdim=True).clamp_min(1e-12)
-            weight = weight + side * (total / length).clamp_max(1.0)
+            weight = weight + side * (spread / length).clamp_max(1.0)
         width = width * weight
         return width[:, :-1], width[:, -1]
 

@@ -52,7 +52,9 @@ def run_map(command: MapCommand, console: Console) -> ObjectMap:
     with _progress(console) as progress:
         task = progress.add_task("starting", total=None)
         object_map = map_scan(
-            scan, config, lambda what, done, total: progress.update(task, description=what, completed=done, total=total)
+            scan,
+            config,
+            lambda what, done, total: progress.update(task, description=what, completed=done, total=total),
         )
     object_map = evaluated(object_map, dict(scan.ground_truth))
     object_map.save(command.out)
@@ -68,12 +70,18 @@ def _load(command: MapCommand) -> Scan:
             raise DatasetError(f"data set '{command.dataset}': --root must name its folder")
         root = SAMPLE_ROOT
     options = {"scan2cad": command.scan2cad, "shapenet": command.shapenet}
-    return load_scan(command.dataset, root, command.scene, **{k: v for k, v in options.items() if v is not None})
+    return load_scan(
+        command.dataset, root, command.scene, **{k: v for k, v in options.items() if v is not None}
+    )
 
 
 def _progress(console: Console) -> Progress:
     return Progress(
-        TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), console=console
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeElapsedColumn(),
+        console=console,
     )
 
 

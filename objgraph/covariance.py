@@ -47,9 +47,7 @@ class ObjectCovariance:
         return np.sqrt(np.diag(self.matrix))
 
 
-def marginals(
-    graph: gtsam.NonlinearFactorGraph, values: gtsam.Values, keys: ObjectKeys
-) -> ObjectCovariance:
+def marginals(graph: gtsam.NonlinearFactorGraph, values: gtsam.Values, keys: ObjectKeys) -> ObjectCovariance:
     """The object's joint marginal in `graph` at `values`.
 
     Raises:

@@ -87,7 +87,9 @@ class ObjectGraph:
         self.objects.append(handle)
         return handle
 
-    def observe(self, handle: ObjectHandle, view: ObjectView, camera: gtsam.Pose3 | int | None = None) -> None:
+    def observe(
+        self, handle: ObjectHandle, view: ObjectView, camera: gtsam.Pose3 | int | None = None
+    ) -> None:
         """Add the 3D and the 2D factor of one view.
 
         `camera` is T_world_camera, or the key of a `Pose3` that holds it; by default the view's own pose.
@@ -186,4 +188,3 @@ class _Parts:
     def join(self, keys) -> None:
         for key in keys:
             self._parent[self.of(key)] = self.of(keys[0])
-

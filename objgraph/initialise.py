@@ -132,7 +132,9 @@ def rank(
         InitialisationError: every guess failed; the message says why the first did.
     """
     share = max(1, len(views))
-    thin = [view.thinned(config.points // share, config.rays // share, seed=i) for i, view in enumerate(views)]
+    thin = [
+        view.thinned(config.points // share, config.rays // share, seed=i) for i, view in enumerate(views)
+    ]
     settings = replace(graph_config, sampling=config.sampling)
     graphs = [single_object_graph(prior, state, thin, up_world, settings) for state in states]
     problems = [graph.problems()[0] for graph in graphs]

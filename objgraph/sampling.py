@@ -81,9 +81,7 @@ class ObjectView:
         )  # fmt: skip
 
 
-def observe(
-    frame: Frame, instance: int, config: SamplingConfig | None = None, seed: int = 0
-) -> ObjectView:
+def observe(frame: Frame, instance: int, config: SamplingConfig | None = None, seed: int = 0) -> ObjectView:
     """Sample what `frame` says about the object `instance`.
 
     Rays: a mask pixel with depth ends on the object; a pixel off the mask leaves the object's place free up to its
@@ -120,11 +118,12 @@ def observe(
     directions = np.concatenate(
         [frame.intrinsics.backproject(u[hits], v[hits]), frame.intrinsics.backproject(free_u, free_v)]
     )
-    behind = _background(depth, mask)[v[hits], u[hits]]
-    end = np.concatenate([behind, depth[free_v, free_u]])
-    ends_at = np.concatenate([z[hits], np.full(len(free), np.inf)])
-    pixel = config.mask_sigma * np.median(z) / frame.intrinsics.fx
-    rays = Rays(directions, ends_at, end, np.hypot(config.noise(np.minimum(ends_at, np.median(z))), pixel))
+    hit = np.arange(len(directions)) < len(hits)
+    at = np.concatenate([z[hits], _nearest(depth, on_object)[free_v, free_u]])
+    behind = _nearest(depth, ~mask)[v[hits], u[hits]]
+    end = np.concatenate([np.where(behind > 0, behind, np.inf), depth[free_v, free_u]])
+    pixel = config.mask_sigma * at / frame.intrinsics.fx
+    rays = Rays(directions, at, hit, end, np.hypot(config.noise(at), pixel))
     return ObjectView(
         frame.name,
         T_world_camera,
@@ -171,8 +170,8 @@ def _check_mask(
         raise ObservationError(f"{where}: the mask covers the whole picture; is it a mask of this object?")
     if np.count_nonzero(on_object) < config.min_pixels:
         raise ObservationError(
-            f"{where}: {np.count_nonzero(on_object)} mask pixels have depth, at least {config.min_pixels} are due; "
-            "choose another view"
+            f"{where}: {np.count_nonzero(on_object)} mask pixels have depth, at least {config.min_pixels} are "
+            "due; choose another view"
         )
 
 
@@ -203,11 +202,13 @@ def _free_pixels(
     return box & ~mask & (depth > nearest)
 
 
-def _background(depth: Float[np.ndarray, "h w"], mask: Bool[np.ndarray, "h w"]) -> Float[np.ndarray, "h w"]:
-    """Depth of the nearest pixel off the mask: what would be seen there but for the object, about its outline."""
-    v, u = distance_transform_edt(mask, return_distances=False, return_indices=True)
-    behind = depth[v, u]
-    return np.where(behind > 0, behind, np.inf)
+def _nearest(depth: Float[np.ndarray, "h w"], known: Bool[np.ndarray, "h w"]) -> Float[np.ndarray, "h w"]:
+    """Depth of the nearest pixel that is `known`.
+
+    About an outline: what would be seen but for the object, or where the object next to a pixel lies.
+    """
+    v, u = distance_transform_edt(~known, return_distances=False, return_indices=True)
+    return depth[v, u]
 
 
 def _even_weights(points: Float[np.ndarray, "n 3"], edge: float = 0.03) -> Float[np.ndarray, "n"]:

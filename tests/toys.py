@@ -21,7 +21,10 @@ def toy_boxes(code: torch.Tensor) -> list[tuple[torch.Tensor, torch.Tensor]]:
     thick = thick + 0.01 * code[:, 3]
     zero = torch.zeros_like(width)
     seat = torch.stack([zero, zero - 0.02, zero], 1), torch.stack([width, thick, depth], 1)
-    back = torch.stack([zero, 0.2 + height / 2, depth - thick], 1), torch.stack([width, 0.2 + height / 2, thick], 1)
+    back = (
+        torch.stack([zero, 0.2 + height / 2, depth - thick], 1),
+        torch.stack([width, 0.2 + height / 2, thick], 1),
+    )
     leg = torch.stack([zero, zero - 0.22, zero], 1), torch.stack([0.6 * width, zero + 0.2, 0.6 * depth], 1)
     return [seat, back, leg]
 
@@ -73,7 +76,9 @@ def toy_mesh(code: np.ndarray) -> trimesh.Trimesh:
     boxes = toy_boxes(torch.as_tensor(code, dtype=torch.float64)[None])
     return trimesh.util.concatenate(
         [
-            trimesh.creation.box(extents=2 * half[0].numpy(), transform=trimesh.transformations.translation_matrix(c[0]))
+            trimesh.creation.box(
+                extents=2 * half[0].numpy(), transform=trimesh.transformations.translation_matrix(c[0])
+            )
             for c, half in boxes
         ]
     )
@@ -100,7 +105,9 @@ def look_at(eye, target) -> np.ndarray:
     return T
 
 
-def toy_frame(states: list[ObjectState], azimuth: float, name: str = "0", noise: float = 0.003, seed: int = 0) -> Frame:
+def toy_frame(
+    states: list[ObjectState], azimuth: float, name: str = "0", noise: float = 0.003, seed: int = 0
+) -> Frame:
     """A noisy picture of toy chairs (ids 1, 2, ...) on a floor."""
     scene = o3d.t.geometry.RaycastingScene()
     for state in states:
@@ -113,7 +120,9 @@ def toy_frame(states: list[ObjectState], azimuth: float, name: str = "0", noise:
     T = look_at(centre + [2.2 * np.cos(azimuth), 2.2 * np.sin(azimuth), 1.0], centre)
     v, u = np.mgrid[: INTRINSICS.height, : INTRINSICS.width]
     directions = INTRINSICS.backproject(u.ravel(), v.ravel()) @ T[:3, :3].T
-    rays = np.concatenate([np.broadcast_to(T[:3, 3], directions.shape), directions], axis=1).astype(np.float32)
+    rays = np.concatenate([np.broadcast_to(T[:3, 3], directions.shape), directions], axis=1).astype(
+        np.float32
+    )
     hit = scene.cast_rays(o3d.core.Tensor(rays))
     depth = hit["t_hit"].numpy().astype(float)
     depth[~np.isfinite(depth)] = 0.0

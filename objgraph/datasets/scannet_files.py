@@ -2,6 +2,7 @@
 
 import re
 import zipfile
+import zlib
 from collections.abc import Callable
 from functools import cached_property
 from pathlib import Path
@@ -23,6 +24,7 @@ from objgraph.errors import DatasetError
 from objgraph.observation import Intrinsics
 
 _MILLIMETRES = 1000.0
+_NUMBER_LINE = re.compile(r"^(\w+) = ([-+]?\d+\.?\d*(?:[eE][-+]?\d+)?)\s*$", re.MULTILINE)
 
 
 class Recording(Protocol):
@@ -61,6 +63,8 @@ class ExportedRecording:
     def depth(self, name: str) -> Float[np.ndarray, "h w"]:
         path = self.folder / "depth" / f"{name}.png"
         shift = self._info.get("depthShift", self._info.get("depth_shift", _MILLIMETRES))
+        if shift <= 0:
+            raise DatasetError(f"{self.folder.name}.txt: depth shift {shift} is no number of units a metre")
         return decode_depth(read_bytes(path), path, shift)
 
     def color(self, name: str, shape: tuple[int, int]) -> UInt8[np.ndarray, "h w 3"] | None:
@@ -84,7 +88,7 @@ class ExportedRecording:
         if not path.is_file():
             return {}
         text = read_bytes(path).decode("utf-8", errors="replace")
-        return {key: float(value) for key, value in re.findall(r"^(\w+) = ([-+.\deE]+)$", text, re.MULTILINE)}
+        return {key: float(value) for key, value in _NUMBER_LINE.findall(text)}
 
     @property
     def _size(self) -> tuple[int, int] | None:
@@ -162,5 +166,5 @@ def _from_folder(path: Path) -> tuple[bytes, str]:
 def _from_zip(archive: zipfile.ZipFile, path: Path, member: str) -> tuple[bytes, str]:
     try:
         return archive.read(member), f"{path}: {member}"
-    except (KeyError, OSError, zipfile.BadZipFile) as error:
+    except (KeyError, OSError, zipfile.BadZipFile, zlib.error) as error:
         raise DatasetError(f"{path}: {member} cannot be read ({error})") from error

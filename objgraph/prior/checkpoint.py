@@ -44,7 +44,9 @@ def load_tensors(path: Path) -> tuple[dict[str, Tensor], dict]:
 class AutoDecoder(torch.nn.Module):
     """A decoder, the codes of its training shapes, and a running average of both."""
 
-    def __init__(self, decoder: torch.nn.Module, shapes: int, code_length: int, seed: int, decay: float) -> None:
+    def __init__(
+        self, decoder: torch.nn.Module, shapes: int, code_length: int, seed: int, decay: float
+    ) -> None:
         super().__init__()
         self.decoder = decoder
         generator = torch.Generator().manual_seed(seed)
@@ -56,8 +58,8 @@ class AutoDecoder(torch.nn.Module):
     def update_average(self, step: int) -> None:
         """Move the average towards the present weights; quickly at first."""
         decay = min(self.decay, (step + 1) / (step + 10))
-        names, values = zip(*self.named_parameters(), strict=True)
-        torch._foreach_lerp_([self.average[name] for name in names], list(values), 1 - decay)
+        for name, value in self.named_parameters():
+            self.average[name].lerp_(value, 1 - decay)
 
     def averaged(self) -> dict[str, Tensor]:
         """The averaged weights, by parameter name (`decoder.*` and `codes`)."""
@@ -74,7 +76,9 @@ def pack(model: AutoDecoder, optimizer: torch.optim.Optimizer) -> dict[str, Tens
 
 
 @torch.no_grad()
-def unpack(tensors: dict[str, Tensor], model: AutoDecoder, optimizer: torch.optim.Optimizer, path: Path) -> None:
+def unpack(
+    tensors: dict[str, Tensor], model: AutoDecoder, optimizer: torch.optim.Optimizer, path: Path
+) -> None:
     """Put a packed state back.
 
     Raises:
@@ -91,4 +95,6 @@ def unpack(tensors: dict[str, Tensor], model: AutoDecoder, optimizer: torch.opti
                 state.setdefault(int(i), {})[key] = tensor
         optimizer.load_state_dict({"state": state, "param_groups": optimizer.state_dict()["param_groups"]})
     except (KeyError, RuntimeError, ValueError) as error:
-        raise PriorError(f"{path} is the checkpoint of another training: give an empty folder ({error})") from error
+        raise PriorError(
+            f"{path} is the checkpoint of another training: give an empty folder ({error})"
+        ) from error

@@ -1,10 +1,9 @@
 """The shapes that a prior is trained on: collected meshes, their warped copies, procedural families."""
 
-import hashlib
-import json
 import logging
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache, partial
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +11,15 @@ import trimesh
 
 from objgraph.errors import PriorError
 from objgraph.prior.families import FAMILIES, draw
-from objgraph.prior.samples import SampleConfig, SdfSamples, cache_key, load_samples, sample_solid, save_samples
+from objgraph.prior.index import CadMesh, heldout_groups, read_index
+from objgraph.prior.samples import (
+    SampleConfig,
+    SdfSamples,
+    cache_key,
+    load_samples,
+    sample_solid,
+    save_samples,
+)
 from objgraph.prior.solid import Solid, solidify
 from objgraph.prior.warps import random_warp
 
@@ -36,19 +43,6 @@ class CorpusConfig:
 
 
 @dataclass(frozen=True)
-class CadMesh:
-    """A collected mesh's entry in `index.json`."""
-
-    file: str
-    group: str
-    licence: str
-    attribution: str
-    source: str
-    size: tuple[float, float, float] | None
-    """Metric extents where the source has them."""
-
-
-@dataclass(frozen=True)
 class Corpus:
     """Training and held-out samples, and what became of the collected meshes."""
 
@@ -62,52 +56,6 @@ class Corpus:
     """Meshes left out, and why."""
 
 
-def read_index(folder: Path, category: str) -> list[CadMesh]:
-    """The entries of a category in a folder's `index.json`.
-
-    Raises:
-        PriorError: it is missing, damaged or has no mesh of the category; the message names it.
-    """
-    path = folder / "index.json"
-    try:
-        entries = json.loads(path.read_text())["meshes"]
-        meshes = [
-            CadMesh(
-                file=entry["file"],
-                group=entry["group"],
-                licence=entry["licence"],
-                attribution=entry["attribution"],
-                source=entry["source_repo"],
-                size=None if entry["size_m"] is None else tuple(entry["size_m"]),
-            )
-            for entry in entries
-            if entry["category"] == category
-        ]
-    except OSError as error:
-        raise PriorError(f"{path} cannot be read: give the folder that holds index.json") from error
-    except (ValueError, KeyError, TypeError) as error:
-        raise PriorError(f"{path} is no mesh index: {error!r}") from error
-    if not meshes:
-        raise PriorError(f"{path} has no mesh of category {category!r}")
-    return meshes
-
-
-def heldout_groups(meshes: list[CadMesh], share: float) -> set[str]:
-    """Groups held out: in an order that only their names decide, until they hold the share of the meshes."""
-    groups: dict[str, int] = {}
-    for mesh in meshes:
-        groups[mesh.group] = groups.get(mesh.group, 0) + 1
-    ordered = sorted(groups, key=lambda group: hashlib.sha256(group.encode()).hexdigest())
-    chosen: set[str] = set()
-    count = 0
-    for group in ordered:
-        if count >= share * len(meshes):
-            break
-        chosen.add(group)
-        count += groups[group]
-    return chosen
-
-
 def build_corpus(
     category: str, meshes: Path | None, corpus: CorpusConfig, samples: SampleConfig, cache: Path
 ) -> Corpus:
@@ -117,67 +65,91 @@ def build_corpus(
         PriorError: the category has no family, or the mesh folder cannot be read.
     """
     if category not in FAMILIES and meshes is None:
-        raise PriorError(f"category {category!r} has no procedural family ({', '.join(FAMILIES)}): give meshes")
-    training: list[SdfSamples] = []
-    heldout: list[SdfSamples] = []
+        raise PriorError(
+            f"category {category!r} has no procedural family ({', '.join(FAMILIES)}): give a folder of meshes"
+        )
+    parts = []
+    if meshes is not None:
+        parts.append(_collected_corpus(meshes, read_index(meshes, category), corpus, samples, cache))
+    if category in FAMILIES:
+        parts.append(_procedural_corpus(category, corpus, samples, cache))
+    return Corpus(
+        training=tuple(shape for part in parts for shape in part.training),
+        heldout=tuple(shape for part in parts for shape in part.heldout),
+        used=tuple(entry for part in parts for entry in part.used),
+        unseen=tuple(entry for part in parts for entry in part.unseen),
+        skipped={name: reason for part in parts for name, reason in part.skipped.items()},
+    )
+
+
+def _collected_corpus(
+    folder: Path, entries: list[CadMesh], corpus: CorpusConfig, samples: SampleConfig, cache: Path
+) -> Corpus:
+    """Collected meshes with warped copies of those that are trained on; what cannot be closed is left out."""
+    held = heldout_groups(entries, corpus.heldout_share)
+    shapes: dict[bool, list[SdfSamples]] = {True: [], False: []}
+    kept: dict[bool, list[CadMesh]] = {True: [], False: []}
     skipped: dict[str, str] = {}
-    entries = [] if meshes is None else read_index(meshes, category)
-    unseen = heldout_groups(entries, corpus.heldout_share)
     for entry in entries:
-        held = entry.group in unseen
+        unseen = entry.group in held
+        copies = 0 if unseen else corpus.copies
         try:
-            drawn = list(_collected(meshes / entry.file, entry.file, 0 if held else corpus.copies, corpus, samples, cache))  # pyright: ignore
+            shapes[unseen] += _collected(folder / entry.file, entry.file, copies, corpus.seed, samples, cache)
+            kept[unseen].append(entry)
         except PriorError as error:
             skipped[entry.file] = str(error)
             log.warning("%s is left out: %s", entry.file, error)
-            continue
-        (heldout if held else training).extend(drawn)
-    if category in FAMILIES:
-        for i, (name, mesh) in enumerate(draw(category, corpus.procedural, corpus.seed)):
-            shape = _procedural(mesh, name, samples, cache)
-            (heldout if i % corpus.procedural_heldout == corpus.procedural_heldout - 1 else training).append(shape)
-    kept = [entry for entry in entries if entry.file not in skipped]
+    return Corpus(tuple(shapes[False]), tuple(shapes[True]), tuple(kept[False]), tuple(kept[True]), skipped)
+
+
+def _procedural_corpus(category: str, corpus: CorpusConfig, samples: SampleConfig, cache: Path) -> Corpus:
+    """Procedural meshes, one in `procedural_heldout` of them held out."""
+    shapes = [
+        _procedural(mesh, name, samples, cache)
+        for name, mesh in draw(category, corpus.procedural, corpus.seed)
+    ]
+    last = corpus.procedural_heldout - 1
     return Corpus(
-        tuple(training),
-        tuple(heldout),
-        tuple(entry for entry in kept if entry.group not in unseen),
-        tuple(entry for entry in kept if entry.group in unseen),
-        skipped,
+        training=tuple(shape for i, shape in enumerate(shapes) if i % corpus.procedural_heldout != last),
+        heldout=tuple(shape for i, shape in enumerate(shapes) if i % corpus.procedural_heldout == last),
+        used=(),
+        unseen=(),
+        skipped={},
     )
 
 
 def _collected(
-    path: Path, name: str, copies: int, corpus: CorpusConfig, samples: SampleConfig, cache: Path
-) -> Iterator[SdfSamples]:
+    path: Path, name: str, copies: int, seed: int, samples: SampleConfig, cache: Path
+) -> list[SdfSamples]:
     """A collected mesh and its warped copies."""
     try:
         mesh = trimesh.load_mesh(path, process=False)
     except (OSError, ValueError, IndexError, KeyError) as error:
         raise PriorError(f"{path} cannot be read as a mesh: {error!r}") from error
-    solid: Solid | None = None
+    original = lru_cache(maxsize=1)(lambda: solidify(mesh, name))
+
+    def warped(copy: int, key: str) -> Solid:
+        if copy == 0:
+            return original()
+        return original().warped(random_warp(np.random.default_rng([seed, copy, int(key[:8], 16)])))
+
+    shapes = []
     for copy in range(copies + 1):
-        key = cache_key([mesh], samples, corpus.seed, copy)
-
-        def warped(copy: int = copy) -> Solid:
-            nonlocal solid
-            solid = solid or solidify(mesh, name)
-            if copy == 0:
-                return solid
-            return solid.warped(random_warp(np.random.default_rng([corpus.seed, copy, int(key[:8], 16)])))
-
-        yield _cached(f"{name}#{copy}", key, samples, cache, warped)
+        key = cache_key([mesh], samples, seed, copy)
+        shapes.append(_cached(f"{name}#{copy}", key, samples, cache, partial(warped, copy, key)))
+    return shapes
 
 
 def _procedural(mesh: trimesh.Trimesh, name: str, samples: SampleConfig, cache: Path) -> SdfSamples:
     """Samples of a mesh made of closed parts."""
-    return _cached(
-        name, cache_key([mesh], samples), samples, cache, lambda: Solid(name, tuple(mesh.split(only_watertight=False)))
-    )
+
+    def solid() -> Solid:
+        return Solid(name, tuple(mesh.split(only_watertight=False)))
+
+    return _cached(name, cache_key([mesh], samples), samples, cache, solid)
 
 
-def _cached(
-    name: str, key: str, config: SampleConfig, cache: Path, solid: Callable[[], Solid]
-) -> SdfSamples:
+def _cached(name: str, key: str, config: SampleConfig, cache: Path, solid: Callable[[], Solid]) -> SdfSamples:
     path = cache / f"{key}.safetensors"
     samples = load_samples(path, name)
     if samples is None:

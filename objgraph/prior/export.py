@@ -8,8 +8,9 @@ from pathlib import Path
 import numpy as np
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-from objgraph.prior.corpus import CadMesh, Corpus, build_corpus
+from objgraph.prior.corpus import Corpus, build_corpus
 from objgraph.prior.fit import FitError, code_statistics, fit_error
+from objgraph.prior.index import CadMesh
 from objgraph.prior.prior import ShapePrior
 from objgraph.prior.samples import SdfSamples
 from objgraph.prior.size import size_statistics
@@ -130,7 +131,12 @@ def _summary(errors: Sequence[FitError]) -> dict[str, float | int | None]:
 
 
 def _entry(entry: CadMesh) -> dict[str, str]:
-    return {"file": entry.file, "licence": entry.licence, "attribution": entry.attribution, "source": entry.source}
+    return {
+        "file": entry.file,
+        "licence": entry.licence,
+        "attribution": entry.attribution,
+        "source": entry.source,
+    }
 
 
 def attribution(priors: Sequence[ShapePrior]) -> str:
@@ -146,7 +152,9 @@ def attribution(priors: Sequence[ShapePrior]) -> str:
     for prior in priors:
         by_source: dict[tuple[str, str], list[str]] = {}
         for entry in prior.card["data"]["collected"]:
-            by_source.setdefault((entry["source"], entry["licence"]), []).append(f"  {entry['file']}: {entry['attribution']}")
+            by_source.setdefault((entry["source"], entry["licence"]), []).append(
+                f"  {entry['file']}: {entry['attribution']}"
+            )
         lines.append(f"{prior.category}.safetensors")
         for (source, licence), items in sorted(by_source.items()):
             lines += [f" {source} ({licence})", *sorted(items)]

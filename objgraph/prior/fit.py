@@ -86,7 +86,9 @@ def fit_code(
 
 
 @torch.no_grad()
-def decode_grid(decoder: Decoder, code: Float[np.ndarray, "l"], resolution: int = 80) -> Float[np.ndarray, "r r r"]:
+def decode_grid(
+    decoder: Decoder, code: Float[np.ndarray, "l"], resolution: int = 80
+) -> Float[np.ndarray, "r r r"]:
     """Signed distances on a grid over the box [-0.55, 0.55]^3."""
     axis = torch.linspace(-0.55, 0.55, resolution)
     grid = torch.stack(torch.meshgrid(axis, axis, axis, indexing="ij"), -1).reshape(-1, 3)
@@ -146,8 +148,10 @@ def _chamfer(mesh: Trimesh, samples: SdfSamples) -> float:
     return (there + back) / 2
 
 
-def code_statistics(codes: Float[np.ndarray, "s l"]) -> tuple[Float[np.ndarray, "l"], Float[np.ndarray, "l l"]]:
-    """Mean and covariance of the training codes, in float64; a thousandth of the mean variance keeps it regular."""
+def code_statistics(
+    codes: Float[np.ndarray, "s l"],
+) -> tuple[Float[np.ndarray, "l"], Float[np.ndarray, "l l"]]:
+    """Mean and covariance of the training codes, in float64; with a ridge that keeps it regular."""
     codes = codes.astype(np.float64)
     covariance = np.cov(codes, rowvar=False)
     ridge = 1e-3 * np.trace(covariance) / codes.shape[1]

@@ -60,14 +60,18 @@ class SolidDistance:
         for scene, (low, high), closed in self._parts:
             beyond = np.maximum(np.maximum(low - points, points - high), 0.0)
             # a part whose box lies farther than the nearest surface so far cannot change the minimum
-            near = np.flatnonzero(np.linalg.norm(beyond, axis=1) < np.maximum(result, 0) + SHEET_HALF_THICKNESS)
+            near = np.flatnonzero(
+                np.linalg.norm(beyond, axis=1) < np.maximum(result, 0) + SHEET_HALF_THICKNESS
+            )
             if len(near) == 0:
                 continue
             query = o3d.core.Tensor(points[near])
             distance = scene.compute_distance(query).numpy()
             if closed:
                 boxed = np.flatnonzero((beyond[near] == 0).all(1))
-                inside = scene.compute_occupancy(o3d.core.Tensor(points[near[boxed]]), nsamples=5).numpy() > 0.5
+                inside = (
+                    scene.compute_occupancy(o3d.core.Tensor(points[near[boxed]]), nsamples=5).numpy() > 0.5
+                )
                 distance[boxed[inside]] *= -1
             else:
                 distance = distance - SHEET_HALF_THICKNESS
@@ -104,10 +108,12 @@ def check_sign(solid: Solid, points: int = 1000, seed: int = 0) -> None:
     rng = np.random.default_rng(seed)
     corners = np.array(np.meshgrid(*[[-0.6, 0.6]] * 3)).reshape(3, -1).T
     if (distance(corners) <= 0).any():
-        raise PriorError(f"mesh {solid.name} cannot be closed: points outside its box have a negative distance")
+        raise PriorError(
+            f"mesh {solid.name} cannot be closed: points outside its box have a negative distance"
+        )
     inside, outside = [], []
     for mesh in solid.closed:
-        p, face = trimesh.sample.sample_surface(mesh, points, seed=rng)
+        p, face = trimesh.sample.sample_surface(mesh, points, seed=rng)[:2]
         step = 1.5e-3 * mesh.face_normals[face]
         first, second = distance(p + step), distance(p - step)
         inside.append(np.minimum(first, second))
@@ -127,10 +133,12 @@ def _close(parts: list[trimesh.Trimesh], name: str) -> tuple[list[trimesh.Trimes
     rest: trimesh.Trimesh = trimesh.util.concatenate(parts)  # pyright: ignore[reportAssignmentType]
     shell = _watertight(rest, name)
     scene = _scene(shell)
-    points, face = trimesh.sample.sample_surface(rest, 15_000, seed=0)
+    points, face = trimesh.sample.sample_surface(rest, 15_000, seed=0)[:2]
     step = SHEET_HALF_THICKNESS * rest.face_normals[face]
     ahead, behind = (
-        scene.compute_signed_distance(o3d.core.Tensor((points + s * step).astype(np.float32)), nsamples=3).numpy()
+        scene.compute_signed_distance(
+            o3d.core.Tensor((points + s * step).astype(np.float32)), nsamples=3
+        ).numpy()
         for s in (1, -1)
     )
     hollow = (ahead > 0) & (behind > 0)
@@ -148,12 +156,18 @@ def _is_flat(mesh: trimesh.Trimesh) -> bool:
 
 def _watertight(mesh: trimesh.Trimesh, name: str) -> trimesh.Trimesh:
     """The closed surface around a mesh, made in a process of its own: on some sheets it never ends."""
-    arguments = (np.asarray(mesh.vertices, np.float64), np.asarray(mesh.faces, np.int32), _WATERTIGHT_RESOLUTION)
+    arguments = (
+        np.asarray(mesh.vertices, np.float64),
+        np.asarray(mesh.faces, np.int32),
+        _WATERTIGHT_RESOLUTION,
+    )
     with multiprocessing.get_context("fork").Pool(1) as pool:
         try:
             vertices, faces = pool.apply_async(_manifold, arguments).get(_WATERTIGHT_SECONDS)
         except multiprocessing.TimeoutError as error:
-            raise PriorError(f"mesh {name} cannot be closed: no surface within {_WATERTIGHT_SECONDS} s") from error
+            raise PriorError(
+                f"mesh {name} cannot be closed: no surface within {_WATERTIGHT_SECONDS} s"
+            ) from error
     if len(faces) == 0 or not np.isfinite(vertices).all():
         raise PriorError(f"mesh {name} cannot be closed: no watertight surface came out")
     return trimesh.Trimesh(vertices, faces, process=False)

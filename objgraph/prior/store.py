@@ -48,14 +48,18 @@ def load_prior_file(path: Path) -> ShapePrior:
     """
     tensors, header = load_tensors(path)
     if header.get("format") != FORMAT:
-        raise PriorError(f"{path} is no shape prior of this library (format {header.get('format')!r}, not {FORMAT!r})")
+        raise PriorError(
+            f"{path} is no shape prior of this library (format {header.get('format')!r}, not {FORMAT!r})"
+        )
     if digest(tensors) != header.get("sha256"):
         raise PriorError(f"{path} is damaged: its tensors do not have the hash that its card gives")
     try:
         config = DecoderConfig(**header["decoder"])
         decoder = Decoder(config)
         prefix = "decoder."
-        decoder.load_state_dict({k.removeprefix(prefix): v for k, v in tensors.items() if k.startswith(prefix)})
+        decoder.load_state_dict(
+            {k.removeprefix(prefix): v for k, v in tensors.items() if k.startswith(prefix)}
+        )
         mean, covariance = tensors["code_mean"].numpy(), tensors["code_covariance"].numpy()
         numbers = [float(header[key]) for key in ("residual_sigma", "size_mean", "size_log_sigma")]
         card = {**header["card"], **{key: header[key] for key in _HEADER}}

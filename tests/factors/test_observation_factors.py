@@ -22,9 +22,8 @@ KEYS = ObjectKeys.numbered(0)
 
 def make_rays(rng: np.random.Generator, count: int = 30) -> Rays:
     directions = np.c_[rng.normal(size=(count, 2)) * 0.1, np.ones(count)]
-    hit = rng.random(count) < 0.6
-    depth = np.where(hit, rng.uniform(2.2, 2.8, count), rng.choice([2.4, np.inf], count))
-    return Rays(directions, depth, hit, np.full(count, 0.01))
+    hit, depth = rng.random(count) < 0.6, rng.uniform(2.2, 2.8, count)
+    return Rays(directions, depth, hit, rng.choice([2.7, np.inf], count), np.full(count, 0.01))
 
 
 def make_factor(kind: str, camera, rng: np.random.Generator, decoder=None):

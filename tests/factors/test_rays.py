@@ -49,15 +49,18 @@ def test_cells_are_finest_at_the_surface():
 
 def _rays(**changes):
     rays = {"directions_camera": np.ones((2, 3)), "depth": np.ones(2), "hit": np.array([True, False])}
-    return Rays(**{**rays, "sigma": np.full(2, 0.01), **changes})
+    return Rays(**{**rays, "end": np.array([2.0, np.inf]), "sigma": np.full(2, 0.01), **changes})
 
 
 @pytest.mark.parametrize(
     "changes",
     [
         {"depth": np.array([np.nan, 1.0])},
-        {"depth": np.array([np.inf, 1.0])},
+        {"depth": np.array([-1.0, 1.0])},
+        {"depth": np.array([1.0, np.inf])},
+        {"end": np.array([np.nan, 1.0])},
         {"sigma": np.zeros(2)},
+        {"sigma": np.full(2, np.inf)},
         {"depth": np.ones(3)},
         {"directions_camera": np.ones((2, 2))},
         {"directions_camera": np.full((2, 3), np.nan)},
@@ -67,6 +70,12 @@ def test_bad_rays_are_refused(changes):
     _rays()
     with pytest.raises(FactorError):
         _rays(**changes)
+
+
+def test_a_part_of_the_rays_keeps_them_whole():
+    rays = _rays().take(np.array([1]))
+    assert not rays.hit[0]
+    assert rays.end[0] == np.inf
 
 
 def test_a_camera_inside_the_box_looks_forward_only():

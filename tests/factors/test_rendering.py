@@ -10,6 +10,7 @@ from factors.score import energy_score
 
 RENDERERS = [
     FullDistribution(),
+    FullDistribution(reach=None),
     FullDistribution(correlation="independent"),
     Probabilistic(),
     Probabilistic(variance="epistemic"),
@@ -22,9 +23,9 @@ def _scene(rays: int = 5, k: int = 8, seed: int = 0):
     cells = RayCells(0.5 * (edges[:, 1:] + edges[:, :-1]), edges.diff(dim=1), edges[:, -1])
     sdf = 0.2 * torch.randn(rays, k, generator=generator).double()
     sdf_sigma = 0.01 + 0.02 * torch.rand(rays, k, generator=generator).double()
-    hit = torch.arange(rays) % 2 == 0
-    depth = torch.where(hit, 1.5, torch.tensor([torch.inf, 1.3]).repeat(rays)[:rays].double())
-    return sdf, sdf_sigma, cells, RayTargets(depth.double(), hit, torch.full((rays,), 0.01).double())
+    end = torch.tensor([torch.inf, 1.3, 1.8]).double().repeat(rays)[:rays]
+    hit, sigma = torch.arange(rays) % 2 == 0, torch.full((rays,), 0.01).double()
+    return sdf, sdf_sigma, cells, RayTargets(torch.full_like(sigma, 1.5), hit, end, sigma)
 
 
 @pytest.mark.parametrize("renderer", RENDERERS)
@@ -48,8 +49,9 @@ def test_rows_have_the_gradient_of_the_loss(renderer):
 
 
 @pytest.mark.parametrize("correlation", ["comonotone", "independent"])
-def test_full_distribution_is_the_numerical_crps(correlation):
-    renderer = FullDistribution(correlation)
+@pytest.mark.parametrize("reach", [None, 2.0])
+def test_full_distribution_is_the_numerical_weighted_crps(correlation, reach):
+    renderer = FullDistribution(correlation, reach)
     k = 4000
     sdf, _, _, targets = _scene(rays=5, k=6)
     # the same SDF, finely and linearly interpolated: the sum over cells becomes the integral
@@ -64,25 +66,30 @@ def test_full_distribution_is_the_numerical_crps(correlation):
     tau = np.sqrt(0.05**2 + 0.01**2 + (1.702 / 200) ** 2)
     clear = norm.cdf(fine.numpy() / tau)
     passed = np.minimum.accumulate(clear, 1) if correlation == "comonotone" else np.cumprod(clear, 1)
-    depth = cells.depth.numpy()
+    # beyond the box, up to 1.1 times its far side, the transmittance stays what it is
+    depth = np.concatenate([cells.depth[0].numpy(), np.linspace(2, 2.2, k)])
+    passed = np.concatenate([passed, np.repeat(passed[:, -1:], k, axis=1)], axis=1)
     for ray in range(5):
-        observed, hit = float(targets.depth[ray]), bool(targets.hit[ray])
-        step = (depth[ray] >= observed).astype(float) if hit else np.zeros(k)
-        error = (1 - passed[ray] - step) ** 2
-        if not hit:
-            error[depth[ray] >= observed] = 0.0
-        expected = trapezoid(error, depth[ray]) + 0.1 * 2.0 * hit * passed[ray, -1] ** 2
-        assert float(loss[ray]) == pytest.approx(expected, rel=2e-3, abs=1e-5)
+        end, hit = min(float(targets.end[ray]), 2.2), bool(targets.hit[ray])
+        weight = (depth < end).astype(float)
+        if reach is not None:
+            before = min(1.0, tau / (min(1.5 - reach * tau, end) - 1))
+            behind = min(1.0, tau / max(end - 1.5 - reach * tau, 1e-12))
+            weight *= np.where(np.abs(depth - 1.5) < reach * tau, 1.0, np.where(depth < 1.5, before, behind))
+        error = weight * (1 - passed[ray] - (hit & (depth >= 1.5))) ** 2
+        assert float(loss[ray]) == pytest.approx(trapezoid(error, depth), rel=5e-3, abs=1e-4)
 
 
-def test_the_distribution_of_a_plane_is_gaussian_and_so_is_its_score():
+@pytest.mark.parametrize("reach", [None, 5.0])
+def test_the_distribution_of_a_plane_is_gaussian_and_so_is_its_score(reach):
     """A plane across the ray, thick behind: F is Phi((d - surface) / tau), whose score has a closed form."""
     k, tau = 4000, np.sqrt(0.03**2 + 0.01**2 + (1.702 / 400) ** 2)
     edges = torch.linspace(1, 2, k + 1).double()[None]
     cells = RayCells(0.5 * (edges[:, 1:] + edges[:, :-1]), edges.diff(dim=1), edges[:, -1])
     sdf, sigma = 1.45 - cells.depth, torch.full_like(cells.depth, 0.03)
-    targets = RayTargets(torch.tensor([1.5]).double(), torch.tensor([True]), torch.tensor([0.01]).double())
-    renderer = FullDistribution()
+    depth, end, noise = torch.tensor([[1.5], [torch.inf], [0.01]]).double()
+    targets = RayTargets(depth, torch.tensor([True]), end, noise)
+    renderer = FullDistribution(reach=reach)
     spread = renderer.freeze(sdf, sigma, cells, targets, 400.0)
     assert float(spread) == pytest.approx(tau)
     loss = renderer.render(sdf, sigma, cells, targets, 400.0, spread).loss
@@ -104,8 +111,28 @@ def test_comonotone_does_not_depend_on_the_sampling_and_independent_does():
 @pytest.mark.parametrize("renderer", RENDERERS)
 def test_a_free_ray_that_passes_the_object_costs_nothing(renderer):
     sdf, sdf_sigma, cells, targets = _scene()
-    targets = RayTargets(torch.full_like(targets.depth, torch.inf), torch.zeros(5, dtype=bool), targets.sigma)
+    targets = RayTargets(targets.depth, torch.zeros(5, dtype=torch.bool), targets.end, targets.sigma)
     far = torch.full_like(sdf, 1.0)
     spread = renderer.freeze(far, sdf_sigma, cells, targets, 400.0)
     loss = renderer.render(far, sdf_sigma, cells, targets, 400.0, spread).loss
     assert float(loss.max()) < 0.24 * float(spread.max())
+
+
+def test_both_sides_of_an_outline_weigh_the_same():
+    """Half the rays hit a sharp edge, half pass it: the score of an edge moved by x is that of one moved by -x."""
+    across = torch.linspace(-0.1, 0.1, 201).double()
+    edges = torch.linspace(1, 2, 401).double().expand(201, -1)
+    cells = RayCells(0.5 * (edges[:, 1:] + edges[:, :-1]), edges.diff(dim=1), edges[:, -1])
+    depth = torch.full_like(across, 1.4)
+    targets = RayTargets(depth, across < 0, torch.full_like(depth, 1.9), torch.full_like(depth, 0.01))
+    renderer, sigma = FullDistribution(), torch.full_like(cells.depth, 0.02)
+
+    def loss(shift):
+        """A thick half-space whose front is at 1.4 and whose outline lies at `shift`."""
+        front, side = 1.4 - cells.depth, (across - shift)[:, None].expand_as(cells.depth)
+        sdf = torch.maximum(front, side)
+        spread = renderer.freeze(sdf, sigma, cells, targets, 400.0)
+        return float(renderer.render(sdf, sigma, cells, targets, 400.0, spread).loss.sum())
+
+    assert loss(0.0) < min(loss(0.01), loss(-0.01))
+    assert loss(0.01) == pytest.approx(loss(-0.01), rel=0.1)

@@ -4,6 +4,7 @@ import json
 import logging
 import zipfile
 
+import cv2
 import numpy as np
 import pytest
 
@@ -67,6 +68,16 @@ def test_masks_of_the_colour_camera_are_resized(tmp_path):
     np.testing.assert_array_equal(scan.frames[0].instances, mask_image())
     with pytest.raises(DatasetError, match=r"1\.png: the mask is 40x48 pixels.*64x48"):
         scan.frames[1]
+
+
+def test_resized_masks_hold_no_other_ids(tmp_path):
+    folder = write_exported_scan(tmp_path, 1)
+    # ScanNet's colour camera has 1296x968 pixels, its depth camera 640x480: no whole ratio
+    large = cv2.resize(mask_image(), (130, 97), interpolation=cv2.INTER_NEAREST)
+    write_bytes(folder / "instance-filt" / "0.png", png(large))
+    ids = load_scan("scannet", tmp_path).frames[0].instances
+    assert set(np.unique(ids)) == {0, 1, 3}
+    assert np.count_nonzero(ids != mask_image()) < 60  # at most the outline moves
 
 
 def test_masks_from_the_archive(tmp_path):
@@ -224,8 +235,11 @@ def test_no_camera_matrix(tmp_path):
 
 def test_depth_units_from_the_scan_file(tmp_path):
     folder = write_exported_scan(tmp_path, 1)
-    write_bytes(folder / f"{SCENE}.txt", b"depthShift = 5000.0\n")
+    write_bytes(folder / f"{SCENE}.txt", b"appVersionId = 1.0.0\r\ndepthShift = 5000.0 \r\n")
     assert load_scan("scannet", tmp_path).frames[0].depth[20, 30] == pytest.approx(0.3)
+    write_bytes(folder / f"{SCENE}.txt", b"depthShift = 0\n")
+    with pytest.raises(DatasetError, match="depth shift 0"):
+        load_scan("scannet", tmp_path).frames[0]
 
 
 def test_without_annotations_there_is_no_ground_truth(tmp_path, caplog):

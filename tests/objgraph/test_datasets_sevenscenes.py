@@ -54,6 +54,14 @@ def test_the_floor_belongs_to_no_object(tmp_path):
     assert load_scan("sevenscenes", tmp_path, floor_margin=0.01).frames[0].instances.max() == 1
 
 
+def test_a_hand_placed_box_may_be_a_centimetre_off(tmp_path):
+    folder = write_seven_scenes(tmp_path)
+    # the object lies at z = 2.5, one or four centimetres outside a box that is 0.2 m deep
+    for distance, owner in ((0.01, 1), (0.04, 0)):
+        _edit(folder, lambda c, d=distance: c["objects"][0].update(centre=[0, 0, 2.6 + d]))
+        assert load_scan("sevenscenes", tmp_path).frames[0].instances[20, 30] == owner
+
+
 def test_a_chair_under_a_table_keeps_its_seat_and_the_table_its_top(tmp_path):
     folder = write_seven_scenes(tmp_path)
     upright = np.diag([1.0, -1.0, -1.0]).tolist()  # columns are the box's axes; its z is up

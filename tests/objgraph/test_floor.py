@@ -47,6 +47,12 @@ def test_the_density_of_points_does_not_matter():
     assert estimate_floor(points[::6], UP) == pytest.approx(0, abs=0.01)
 
 
+def test_a_dense_patch_on_the_floor_is_not_the_floor():
+    rng = np.random.default_rng(3)
+    patch = _sheet(rng, [2.6, 2.6, 0.045], [2.9, 2.9, 0.045], 20_000)
+    assert estimate_floor(np.concatenate([_room(), patch]), UP) == pytest.approx(0, abs=0.01)
+
+
 def test_stray_points_below_do_not_move_it():
     rng = np.random.default_rng(1)
     stray = rng.uniform([0, 0, -1.5], [0.5, 0.5, -0.1], (300, 3))

@@ -140,7 +140,8 @@ def test_files_have_scannets_forms(tmp_path):
     masks = cv2.imread(str(scan / "instance-filt" / "0.png"), cv2.IMREAD_UNCHANGED)
     assert (depth.dtype, masks.dtype, depth.shape, masks.shape) == (np.uint16, np.uint8, (60, 80), (60, 80))
     assert 500 < np.median(depth[depth > 0]) < 6000  # millimetres
-    assert np.loadtxt(scan / "intrinsic" / "intrinsic_depth.txt").shape == (4, 4)
+    K = np.loadtxt(scan / "intrinsic" / "intrinsic_depth.txt")
+    np.testing.assert_allclose(K[:3, 2], [39.5, 29.5, 1])  # the middle, pixel centres at integers
     assert np.loadtxt(scan / "pose" / "2.txt").shape == (4, 4)
     assert f"numDepthFrames = {SMALL.camera.frames}\n" in (scan / f"{SMALL.name}.txt").read_text()
 

@@ -102,6 +102,12 @@ def test_equal_surface_goes_to_the_other_direction():
     assert _select([first, near, far], 3) == [0, 2, 1]
 
 
+def test_beyond_the_full_angle_directions_count_alike():
+    first = _view(0, 5000, voxels=range(10))
+    side, back = _view(1, voxels=range(10, 21), angle=1.2), _view(2, voxels=range(30, 40), angle=3.0)
+    assert _select([first, side, back], 2) == [0, 1]
+
+
 def test_what_the_border_cuts_counts_less():
     first = _view(0, 5000, voxels=range(10))
     cut, whole = _view(1, cut=1.0, voxels=range(10, 22)), _view(2, voxels=range(30, 40))

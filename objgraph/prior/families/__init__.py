@@ -46,7 +46,14 @@ FAMILIES: dict[str, dict[str, Family]] = {
 }
 
 SHARES: dict[str, dict[str, float]] = {
-    "chair": {"swivel": 7.0, "dining": 5.0, "executive": 1.5, "armchair": 1.5, "stool": 1.5, "cantilever": 1.5},
+    "chair": {
+        "swivel": 7.0,
+        "dining": 5.0,
+        "executive": 1.5,
+        "armchair": 1.5,
+        "stool": 1.5,
+        "cantilever": 1.5,
+    },
     "table": {"four_leg": 5.0, "conference": 4.0, "desk": 3.5, "pedestal": 2.0, "coffee": 2.0},
 }
 """Relative number of meshes drawn from a family; 1 where it is not named."""

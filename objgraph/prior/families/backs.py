@@ -20,7 +20,9 @@ def _solid(rng: Generator, width: float, y: float, reach: float, z: float, slope
     top = rng.uniform(0.7, 1.08)
     round_top = np.where(v > 0.85, 1 - rng.uniform(0, 0.25), 1.0)
     widths = width * (1 + (top - 1) * v) * round_top
-    return [panel(widths, y + reach * v, z + slope * reach * v, rng.uniform(0.012, 0.07), rng.uniform(0, 0.06))]
+    return [
+        panel(widths, y + reach * v, z + slope * reach * v, rng.uniform(0.012, 0.07), rng.uniform(0, 0.06))
+    ]
 
 
 def _floating(rng: Generator, width: float, y: float, reach: float, z: float, slope: float) -> Parts:
@@ -81,7 +83,9 @@ def _frame(rng: Generator, width: float, y: float, reach: float, z: float, slope
     r = rng.uniform(0.010, 0.022)
     parts = _posts(width, y, reach, z, slope, r)
     crest = np.array([1 - rng.uniform(0.06, 0.35), 1.0])
-    parts.append(panel([width] * 2, y + reach * crest, z + slope * reach * crest, 1.6 * r, rng.uniform(0, 0.02)))
+    parts.append(
+        panel([width] * 2, y + reach * crest, z + slope * reach * crest, 1.6 * r, rng.uniform(0, 0.02))
+    )
     x = width / 2 - r
     if rng.random() < 0.5:
         low, high = 0.15, crest[0]

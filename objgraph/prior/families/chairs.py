@@ -77,7 +77,10 @@ def wooden_arms(rng: Generator, width: float, depth: float, y_seat: float) -> Pa
     x, z = width / 2 + rng.uniform(-0.01, 0.03), depth / 2
     z_front = -z * rng.uniform(0.3, 1.0)
     post = rod([x, y_seat - 0.05, z_front], [x, y_seat + height, z_front], radius)
-    rail = box([radius * rng.uniform(2, 4), radius * 1.8, z - z_front + 0.08], [x, y_seat + height, (z + z_front) / 2])
+    rail = box(
+        [radius * rng.uniform(2, 4), radius * 1.8, z - z_front + 0.08],
+        [x, y_seat + height, (z + z_front) / 2],
+    )
     return mirrored([post, rail])
 
 
@@ -106,16 +109,27 @@ def shell_chair(rng: Generator) -> trimesh.Trimesh:
     v = np.linspace(0, 1, 9)
     lift = 0.03 * np.sin(np.pi * v)
     back = panel(
-        width * (1 - 0.25 * v**2), y + reach * v, depth / 2 - 0.04 + 0.2 * reach * v - lift, t, wrap=rng.uniform(0.02, 0.16)
+        width * (1 - 0.25 * v**2),
+        y + reach * v,
+        depth / 2 - 0.04 + 0.2 * reach * v - lift,
+        t,
+        wrap=rng.uniform(0.02, 0.16),
     )
     parts = [slab(outline(width, depth, 3.0), y - t, y, 0.4 * t), back]
     radius = rng.uniform(0.008, 0.018)
     x, z = width * rng.uniform(0.2, 0.35), depth * rng.uniform(0.2, 0.35)
     spread = rng.uniform(1.0, 1.7)
     for s in (-1, 1):
-        parts += mirrored([rod([x, y - t, s * z], [x * spread, 0, s * z * spread], radius, radius * rng.uniform(0.6, 1))])
+        parts += mirrored(
+            [rod([x, y - t, s * z], [x * spread, 0, s * z * spread], radius, radius * rng.uniform(0.6, 1))]
+        )
     if rng.random() < 0.4:
-        parts += mirrored([rod([x, y * 0.8, z], [x, y * 0.8, -z], radius * 0.7), rod([-x, y * 0.8, z], [x, y * 0.8, z], 0.006)])
+        parts += mirrored(
+            [
+                rod([x, y * 0.8, z], [x, y * 0.8, -z], radius * 0.7),
+                rod([-x, y * 0.8, z], [x, y * 0.8, z], 0.006),
+            ]
+        )
     if rng.random() < 0.4:
         parts += wooden_arms(rng, width, depth, y)
     return canonical(parts)
@@ -132,14 +146,18 @@ def armchair(rng: Generator) -> trimesh.Trimesh:
     exponent = float(rng.choice([4.0, 8.0, 20.0]))
     bevel = rng.uniform(0, 0.05)
     parts = [slab(outline(width - 0.01, depth, 20.0), legs, y - 0.1, 0.01)]
-    parts.append(slab(outline(inner + 0.02, depth * 0.98, exponent), y - 0.12, y, bevel, rng.uniform(0, 0.03)))
+    parts.append(
+        slab(outline(inner + 0.02, depth * 0.98, exponent), y - 0.12, y, bevel, rng.uniform(0, 0.03))
+    )
     heights = np.linspace(legs, y + reach, 8)
     tilt = rng.uniform(0.05, 0.3)
     depths = depth / 2 - back / 2 + tilt * np.clip(heights - y, 0, None)
     top = rng.uniform(0.7, 1.0)
     widths = width * np.interp(heights, [y + 0.4 * reach, y + reach], [1.0, top])
     parts.append(panel(widths, heights, depths, back, wrap=rng.uniform(0, 0.06)))
-    arm_mesh = slab(outline(arm, depth * rng.uniform(0.8, 1.0), exponent), legs, y + arm_height, min(bevel, 0.45 * arm))
+    arm_mesh = slab(
+        outline(arm, depth * rng.uniform(0.8, 1.0), exponent), legs, y + arm_height, min(bevel, 0.45 * arm)
+    )
     arm_mesh.apply_translation([width / 2 - arm / 2, 0, 0.02])
     if rng.random() < 0.85:
         parts += mirrored([arm_mesh])
@@ -165,7 +183,8 @@ def tub_chair(rng: Generator) -> trimesh.Trimesh:
         foot = direction * [width / 2, 1, depth / 2]
         inner = direction * [width / 2 - wall, 1, depth / 2 - wall]
         tip = np.array([0, 0, 0.15 * rise_back * blend])
-        rings.append([foot + [0, base, 0], inner + [0, base, 0], inner + [0, y + height, 0] + tip, foot + [0, y + height, 0] + tip])
+        low, high = np.array([0, base, 0]), np.array([0, y + height, 0]) + tip
+        rings.append([foot + low, inner + low, inner + high, foot + high])
     parts = [loft(np.array(rings))]
     parts.append(slab(outline(width - wall, depth - wall, 2.5), base, y, 0.02, rng.uniform(0, 0.03)))
     r = rng.uniform(0.01, 0.025)
@@ -181,7 +200,9 @@ def stool(rng: Generator) -> trimesh.Trimesh:
     depth = width * (1.0 if rng.random() < 0.6 else rng.uniform(0.7, 1.2))
     y, t = rng.uniform(0.38, 0.80), rng.uniform(0.02, 0.10)
     round_seat = rng.random() < 0.5
-    parts = [slab(outline(width, width if round_seat else depth, 2.0 if round_seat else 10.0), y - t, y, 0.3 * t)]
+    parts = [
+        slab(outline(width, width if round_seat else depth, 2.0 if round_seat else 10.0), y - t, y, 0.3 * t)
+    ]
     kind = rng.integers(4)
     if kind == 0:
         radius = rng.uniform(0.02, 0.035)
@@ -193,12 +214,23 @@ def stool(rng: Generator) -> trimesh.Trimesh:
         legs = int(rng.integers(3, 5))
         r, spread = rng.uniform(0.01, 0.022), rng.uniform(1.0, 1.6)
         for i in range(legs):
-            d = np.array([np.cos(2 * np.pi * (i + 0.5) / legs), 0, np.sin(2 * np.pi * (i + 0.5) / legs)]) * width * 0.42
-            parts.append(rod(d + [0, y - t, 0], d * spread, r, r * rng.uniform(0.6, 1)))
+            d = (
+                np.array([np.cos(2 * np.pi * (i + 0.5) / legs), 0, np.sin(2 * np.pi * (i + 0.5) / legs)])
+                * width
+                * 0.42
+            )
+            parts.append(rod(d + np.array([0, y - t, 0]), d * spread, r, r * rng.uniform(0.6, 1)))
         if rng.random() < 0.6:
             parts.append(tube(ring_path(width * 0.42 * (1 + (spread - 1) * 0.6), y * 0.4), r * 0.7))
     elif kind == 2 and y < 0.5:
-        parts = [slab(outline(width * 1.2, depth * 1.2, float(rng.choice([2.0, 4.0, 16.0]))), 0, y, rng.uniform(0, 0.06))]
+        parts = [
+            slab(
+                outline(width * 1.2, depth * 1.2, float(rng.choice([2.0, 4.0, 16.0]))),
+                0,
+                y,
+                rng.uniform(0, 0.06),
+            )
+        ]
     else:
         inner = 0.78 if round_seat else 1.0
         parts += four_legs(rng, width * inner, depth * inner, y - t / 2, rng.uniform(0.012, 0.025))
@@ -231,9 +263,16 @@ def folding_chair(rng: Generator) -> trimesh.Trimesh:
     long_leg = smooth_path([[x, 0, -depth * 0.55], [x, y, depth * 0.35], [x, y + reach, depth * 0.55]], 0.05)
     parts = mirrored([tube(long_leg, r), rod([x - 2 * r, 0, depth * 0.55], [x - 2 * r, y, -depth * 0.4], r)])
     parts += [slab(outline(width - 4 * r, depth, 8.0), y - 0.02, y + rng.uniform(0, 0.03))]
-    parts += [rod([-x, 0.1, -depth * 0.45], [x, 0.1, -depth * 0.45], r), rod([-x, 0.1, depth * 0.42], [x, 0.1, depth * 0.42], r)]
+    parts += [
+        rod([-x, 0.1, -depth * 0.45], [x, 0.1, -depth * 0.45], r),
+        rod([-x, 0.1, depth * 0.42], [x, 0.1, depth * 0.42], r),
+    ]
     height = rng.uniform(0.12, 0.9 * reach)
     v = np.linspace(0, 1, 4)
     z = depth * (0.35 + 0.2 * (reach - height * (1 - v)) / reach)
-    parts.append(panel(np.full(4, width), y + reach - height * (1 - v), z, rng.uniform(0.012, 0.03), rng.uniform(0, 0.02)))
+    parts.append(
+        panel(
+            np.full(4, width), y + reach - height * (1 - v), z, rng.uniform(0.012, 0.03), rng.uniform(0, 0.02)
+        )
+    )
     return canonical(parts)

@@ -59,7 +59,9 @@ def tube(
         side = side - side @ tangent * tangent
         side /= np.linalg.norm(side)
         up = np.cross(tangent, side)
-        rings.append(point + stretch * r * (np.outer(np.cos(angles), side) + np.outer(np.sin(angles) * aspect, up)))
+        rings.append(
+            point + stretch * r * (np.outer(np.cos(angles), side) + np.outer(np.sin(angles) * aspect, up))
+        )
     return loft(np.stack(rings))
 
 
@@ -173,7 +175,7 @@ def smooth_path(knots: Sequence[Vector], radius: float, steps: int = 5) -> Float
 
 def canonical(parts: Sequence[trimesh.Trimesh]) -> trimesh.Trimesh:
     """One mesh in the canonical frame: bounding box centred, its diagonal 1."""
-    mesh = trimesh.util.concatenate(list(parts))
+    mesh: trimesh.Trimesh = trimesh.util.concatenate(list(parts))  # pyright: ignore[reportAssignmentType]
     low, high = mesh.bounds
     mesh.apply_translation(-(low + high) / 2)
     mesh.apply_scale(1.0 / np.linalg.norm(high - low))

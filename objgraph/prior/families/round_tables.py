@@ -9,7 +9,9 @@ from objgraph.prior.families.parts import box, canonical, lathe, outline, rod, s
 Parts = list[trimesh.Trimesh]
 
 
-def round_top(rng: Generator, y: float, width: float, depth: float, exponent: float = 2.0) -> tuple[Parts, float]:
+def round_top(
+    rng: Generator, y: float, width: float, depth: float, exponent: float = 2.0
+) -> tuple[Parts, float]:
     """A round, oval or softly square top and the height of its underside."""
     t = rng.uniform(0.012, 0.06)
     return [slab(outline(width, depth, exponent, 40), y - t, y, t * rng.uniform(0, 0.45))], y - t
@@ -17,7 +19,9 @@ def round_top(rng: Generator, y: float, width: float, depth: float, exponent: fl
 
 def _size(rng: Generator) -> tuple[float, float, float, float]:
     """Height, width, depth and the outline's exponent."""
-    y = rng.choice([rng.uniform(0.68, 0.78), rng.uniform(0.35, 0.6), rng.uniform(0.95, 1.1)], p=[0.65, 0.25, 0.1])
+    y = rng.choice(
+        [rng.uniform(0.68, 0.78), rng.uniform(0.35, 0.6), rng.uniform(0.95, 1.1)], p=[0.65, 0.25, 0.1]
+    )
     width = rng.uniform(0.45, 1.5) if y < 0.9 else rng.uniform(0.5, 0.8)
     depth = width * (1.0 if rng.random() < 0.7 else rng.uniform(0.55, 0.9))
     exponent = 2.0 if rng.random() < 0.75 else float(rng.choice([4.0, 20.0]))
@@ -43,9 +47,13 @@ def pedestal_table(rng: Generator) -> trimesh.Trimesh:
         for angle in turn + 2 * np.pi * np.arange(arms) / arms:
             out = np.array([np.cos(angle), 0.0, np.sin(angle)])
             middle = 0.5 * foot * out + [0, rise * 0.75, 0]
-            parts.append(tube([[0, rise, 0], middle, foot * 1.1 * out + [0, 0.02, 0]], [0.8 * r, 0.6 * r, 0.02]))
+            parts.append(
+                tube([[0, rise, 0], middle, foot * 1.1 * out + [0, 0.02, 0]], [0.8 * r, 0.6 * r, 0.02])
+            )
         swell = r * rng.uniform(1.0, 1.8)
-        parts.append(lathe([(r, rise * 0.5), (swell, under * 0.45), (r, under * 0.8), (1.3 * r, under + 0.002)]))
+        parts.append(
+            lathe([(r, rise * 0.5), (swell, under * 0.45), (r, under * 0.8), (1.3 * r, under + 0.002)])
+        )
         if rng.random() < 0.4:
             parts.append(box([width * 0.5, 0.02, 0.06], [0, under - 0.008, 0]))
     return canonical(parts)
@@ -60,7 +68,15 @@ def round_leg_table(rng: Generator) -> trimesh.Trimesh:
     sections = int(rng.choice([4, 12]))
     for angle in 2 * np.pi * (np.arange(legs) + 0.5) / legs:
         out = np.array([np.cos(angle) * width / 2, 0.0, np.sin(angle) * depth / 2]) * inset
-        parts.append(rod(out + [0, under + 0.002, 0], out * min(spread, 0.97 / inset), r, r * rng.uniform(0.5, 1), sections))
+        parts.append(
+            rod(
+                out + np.array([0, under + 0.002, 0]),
+                out * min(spread, 0.97 / inset),
+                r,
+                r * rng.uniform(0.5, 1),
+                sections,
+            )
+        )
     if rng.random() < 0.4:
         height = rng.uniform(0.03, 0.09)
         parts.append(slab(outline(width * inset, depth * inset, 2.0), under - height, under + 0.002))
@@ -76,12 +92,21 @@ def cross_base_table(rng: Generator) -> trimesh.Trimesh:
     reach_x, reach_z = width * rng.uniform(0.28, 0.45), depth * rng.uniform(0.28, 0.45)
     if rng.random() < 0.4:
         t = rng.uniform(0.02, 0.06)
-        parts += [box([2 * reach_x, under + 0.004, t], [0, under / 2, 0]), box([t, under + 0.004, 2 * reach_z], [0, under / 2, 0])]
+        parts += [
+            box([2 * reach_x, under + 0.004, t], [0, under / 2, 0]),
+            box([t, under + 0.004, 2 * reach_z], [0, under / 2, 0]),
+        ]
     else:
         r = rng.uniform(0.015, 0.04)
         for sx in (-1, 1):
             for sz in (-1, 1):
-                parts.append(rod([-sx * reach_x * 0.8, under + 0.002, -sz * reach_z * 0.8], [sx * reach_x, 0, sz * reach_z], r))
+                parts.append(
+                    rod(
+                        [-sx * reach_x * 0.8, under + 0.002, -sz * reach_z * 0.8],
+                        [sx * reach_x, 0, sz * reach_z],
+                        r,
+                    )
+                )
     return canonical(parts)
 
 
@@ -92,7 +117,9 @@ def drum_table(rng: Generator) -> trimesh.Trimesh:
     exponent = float(rng.choice([2.0, 4.0, 20.0]))
     parts, under = round_top(rng, y, width, depth, exponent)
     waist = rng.uniform(0.5, 0.98)
-    parts.append(slab(outline(width * waist, depth * waist, exponent, 40), 0, under + 0.002, rng.uniform(0, 0.02)))
+    parts.append(
+        slab(outline(width * waist, depth * waist, exponent, 40), 0, under + 0.002, rng.uniform(0, 0.02))
+    )
     return canonical(parts)
 
 

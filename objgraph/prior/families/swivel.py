@@ -53,7 +53,10 @@ def _castor(rng: Generator, tip: np.ndarray, out: np.ndarray, wheel: float) -> P
     axle = np.array([np.cos(turn), 0.0, np.sin(turn)])
     centre = tip * [1, 0, 1] + [0, wheel, 0] + 0.3 * wheel * out
     half = rng.uniform(0.7, 1.0) * wheel
-    return [rod(centre - half * axle, centre + half * axle, wheel), rod(tip, tip * [1, 0, 1] + [0, wheel, 0], 0.4 * wheel)]
+    return [
+        rod(centre - half * axle, centre + half * axle, wheel),
+        rod(tip, tip * [1, 0, 1] + [0, wheel, 0], 0.4 * wheel),
+    ]
 
 
 def office_back(rng: Generator, width: float, y: float, z: float, reach: float, gap: float) -> Parts:
@@ -71,7 +74,11 @@ def office_back(rng: Generator, width: float, y: float, z: float, reach: float, 
     parts = [panel(widths, heights, depths, thickness, rng.uniform(0.0, 0.09))]
     spine = z + thickness / 2 + rng.uniform(0.0, 0.03)
     middle = np.interp(rng.uniform(0.25, 0.6), v, depths) + thickness / 2
-    knots = [[0, y - 0.05, rng.uniform(-0.05, 0.05)], [0, y - 0.05, spine], [0, y + gap + 0.3 * (reach - gap), middle]]
+    knots = [
+        [0, y - 0.05, rng.uniform(-0.05, 0.05)],
+        [0, y - 0.05, spine],
+        [0, y + gap + 0.3 * (reach - gap), middle],
+    ]
     if gap > 0.01 or rng.random() < 0.5:
         bar = tube(smooth_path(knots, 0.06), rng.uniform(0.012, 0.022), aspect=rng.uniform(0.4, 1.0))
         if rng.random() < 0.25:
@@ -88,7 +95,9 @@ def _headrest(rng: Generator, width: float, y: float, z: float, slope: float) ->
     low, high = y + rng.uniform(0.02, 0.08), y + rng.uniform(0.16, 0.24)
     ends = np.array([low, (low + high) / 2, high])
     wide = width * rng.uniform(0.45, 0.75)
-    pad = panel([wide * 0.9, wide, wide * 0.85], ends, z + slope * (ends - y) - 0.02, rng.uniform(0.03, 0.07), 0.03)
+    pad = panel(
+        [wide * 0.9, wide, wide * 0.85], ends, z + slope * (ends - y) - 0.02, rng.uniform(0.03, 0.07), 0.03
+    )
     return [pad, rod([0, y - 0.1, z - 0.1 * slope], [0, (low + high) / 2, z], 0.012)]
 
 
@@ -96,7 +105,11 @@ def armrests(rng: Generator, width: float, depth: float, y: float, z_back: float
     """T posts with pads, closed loops, L arms fixed to the back, or swept arms; both sides."""
     height = rng.uniform(0.16, 0.27)
     x = width / 2 + rng.uniform(0.0, 0.06)
-    pad_width, pad_length, pad_height = rng.uniform(0.04, 0.10), rng.uniform(0.20, 0.34), rng.uniform(0.015, 0.04)
+    pad_width, pad_length, pad_height = (
+        rng.uniform(0.04, 0.10),
+        rng.uniform(0.20, 0.34),
+        rng.uniform(0.015, 0.04),
+    )
     z_pad = rng.uniform(-0.08, 0.06)
     shape = outline(pad_width, pad_length, float(rng.choice([3.0, 6.0])))
     pad = slab(shape, y + height - pad_height, y + height, 0.3 * pad_height)
@@ -105,18 +118,41 @@ def armrests(rng: Generator, width: float, depth: float, y: float, z_back: float
     y_low = y - rng.uniform(0.04, 0.09)
     kind = rng.choice(["post", "loop", "from_back", "swept"], p=[0.4, 0.25, 0.15, 0.2])
     if kind == "post":
-        knots = [[0.1, y_low, z_pad], [x, y_low, z_pad], [x, y + height - 0.01, z_pad + rng.uniform(-0.03, 0.03)]]
+        knots = [
+            [0.1, y_low, z_pad],
+            [x, y_low, z_pad],
+            [x, y + height - 0.01, z_pad + rng.uniform(-0.03, 0.03)],
+        ]
         return mirrored([pad, tube(smooth_path(knots, 0.04), r, aspect)])
     if kind == "loop":
         front, rear = z_pad - pad_length / 2, z_pad + pad_length / 2
-        knots = [[0.12, y_low, front * 0.5], [x, y_low, front * 0.6], [x, y + height, front], [x, y + height, rear]]
+        knots = [
+            [0.12, y_low, front * 0.5],
+            [x, y_low, front * 0.6],
+            [x, y + height, front],
+            [x, y + height, rear],
+        ]
         knots += [[x, y_low, rear * 0.6], [0.12, y_low, rear * 0.5]]
         loop = tube(smooth_path(knots, rng.uniform(0.03, 0.09)), r, aspect)
         return mirrored([loop, pad] if rng.random() < 0.6 else [loop])
     if kind == "from_back":
-        arm = tube(smooth_path([[x * 0.8, y + height - 0.01, z_back], [x, y + height - 0.01, z_back - 0.05], [x, y + height - 0.01, z_pad]], 0.05), r)
+        arm = tube(
+            smooth_path(
+                [
+                    [x * 0.8, y + height - 0.01, z_back],
+                    [x, y + height - 0.01, z_back - 0.05],
+                    [x, y + height - 0.01, z_pad],
+                ],
+                0.05,
+            ),
+            r,
+        )
         return mirrored([pad, arm])
-    knots = [[x - 0.04, y_low, z_pad], [x, y_low + 0.03, z_pad - 0.06], [x, y + height - 0.01, z_pad - pad_length * 0.35]]
+    knots = [
+        [x - 0.04, y_low, z_pad],
+        [x, y_low + 0.03, z_pad - 0.06],
+        [x, y + height - 0.01, z_pad - pad_length * 0.35],
+    ]
     knots += [[x, y + height - 0.01, z_pad + 0.05], [x * 0.85, y + height + 0.05, z_back + 0.03]]
     swept = tube(smooth_path(knots, 0.08), r, aspect)
     under = rod([0.08, y_low, z_pad], [x - 0.03, y_low, z_pad], r)
@@ -130,7 +166,9 @@ def swivel_chair(rng: Generator) -> trimesh.Trimesh:
     exponent = float(rng.choice([2.5, 3.0, 4.0, 6.0]))
     cushion = slab(outline(width, depth, exponent), y - thickness, y, 0.45 * thickness, rng.uniform(0, 0.03))
     if rng.random() < 0.3:
-        cushion.apply_transform(trimesh.transformations.rotation_matrix(rng.uniform(0, 0.08), [1, 0, 0], [0, y, 0]))
+        cushion.apply_transform(
+            trimesh.transformations.rotation_matrix(rng.uniform(0, 0.08), [1, 0, 0], [0, y, 0])
+        )
     # the column stands under the middle of the seat or a little behind it
     cushion.apply_translation([0, 0, -rng.uniform(0.0, 0.05)])
     z_back = depth / 2 - rng.uniform(-0.02, 0.06)
@@ -167,7 +205,9 @@ def swivel_stool(rng: Generator) -> trimesh.Trimesh:
         ring = np.stack([0.2 * np.cos(angles), np.full(25, 0.45 * y), 0.2 * np.sin(angles)], 1)
         parts += [tube(ring, 0.01), rod([-0.2, 0.45 * y, 0], [0.2, 0.45 * y, 0], 0.008)]
     if rng.random() < 0.5:
-        parts += office_back(rng, width * 0.9, y - 0.02, width / 2, rng.uniform(0.25, 0.4), rng.uniform(0.1, 0.2))
+        parts += office_back(
+            rng, width * 0.9, y - 0.02, width / 2, rng.uniform(0.25, 0.4), rng.uniform(0.1, 0.2)
+        )
     return canonical(parts)
 
 
@@ -180,7 +220,9 @@ def pedestal_chair(rng: Generator) -> trimesh.Trimesh:
     if rng.random() < 0.6:
         heights = np.linspace(0.02, y - t, 7)
         flare = np.exp(-heights / rng.uniform(0.01, 0.08))
-        parts.append(lathe([(foot, 0.0), *[(r + (foot - r) * f, h) for f, h in zip(flare, heights, strict=True)]]))
+        parts.append(
+            lathe([(foot, 0.0), *[(r + (foot - r) * f, h) for f, h in zip(flare, heights, strict=True)]])
+        )
     else:
         turn = rng.choice([0.0, np.pi / 4])
         for angle in turn + np.pi / 2 * np.arange(4):
@@ -220,13 +262,25 @@ def cantilever_chair(rng: Generator) -> trimesh.Trimesh:
     t = rng.uniform(0.012, 0.08)
     parts.append(slab(outline(width, depth, rng.uniform(4, 16)), y - 0.3 * t, y + 0.7 * t, 0.3 * t))
     parts.append(rod([-x, y, z], [x, y, z], r))
-    parts += backrest(rng, width, y + 0.05, reach - 0.05, z, np.arctan(slope)) if rng.random() < 0.4 else [
-        panel(np.full(5, width), y + reach * np.linspace(0.25, 1, 5), z + slope * reach * np.linspace(0.25, 1, 5), t, rng.uniform(0, 0.03))
-    ]
+    parts += (
+        backrest(rng, width, y + 0.05, reach - 0.05, z, np.arctan(slope))
+        if rng.random() < 0.4
+        else [
+            panel(
+                np.full(5, width),
+                y + reach * np.linspace(0.25, 1, 5),
+                z + slope * reach * np.linspace(0.25, 1, 5),
+                t,
+                rng.uniform(0, 0.03),
+            )
+        ]
+    )
     if rng.random() < 0.45:
         height = rng.uniform(0.17, 0.25)
         knots = [[x, y, -z], [x, y + height, -z * 0.9], [x, y + height, z + slope * height]]
-        parts += mirrored([tube(smooth_path(knots, bend), r), box([0.05, 0.025, depth * 0.6], [x, y + height, 0])])
+        parts += mirrored(
+            [tube(smooth_path(knots, bend), r), box([0.05, 0.025, depth * 0.6], [x, y + height, 0])]
+        )
     return canonical(parts)
 
 
@@ -237,13 +291,19 @@ def lounge_frame(rng: Generator) -> trimesh.Trimesh:
     x, z, slope = width / 2, depth / 2, rng.uniform(0.3, 0.55)
     height = rng.uniform(0.15, 0.24)
     side = [[x, r, z * 0.9], [x, r, -z * 0.8], [x, y + height, -z], [x, y + height, z * 0.8]]
-    parts = mirrored([tube(smooth_path(side, 0.12), r, aspect=rng.uniform(0.5, 1.0), sections=int(rng.choice([4, 12])))])
+    parts = mirrored(
+        [tube(smooth_path(side, 0.12), r, aspect=rng.uniform(0.5, 1.0), sections=int(rng.choice([4, 12])))]
+    )
     parts += [rod([-x, r, s * z * 0.7], [x, r, s * z * 0.7], 0.7 * r) for s in (-1, 1)]
     t = rng.uniform(0.03, 0.12)
     inner = width - 2 * r
     cushion = slab(outline(inner, depth, 8.0), y - t, y, 0.4 * t)
-    cushion.apply_transform(trimesh.transformations.rotation_matrix(rng.uniform(0.05, 0.2), [1, 0, 0], [0, y, 0]))
+    cushion.apply_transform(
+        trimesh.transformations.rotation_matrix(rng.uniform(0.05, 0.2), [1, 0, 0], [0, y, 0])
+    )
     v = np.linspace(0, 1, 6)
-    back = panel(np.full(6, inner), y - 0.1 + reach * v, z - 0.05 + slope * reach * v, t, rng.uniform(0, 0.04))
+    back = panel(
+        np.full(6, inner), y - 0.1 + reach * v, z - 0.05 + slope * reach * v, t, rng.uniform(0, 0.04)
+    )
     parts += [cushion, back, *mirrored([rod([x, r, z * 0.85], [x, y + height * 0.9, z * 0.75], r)])]
     return canonical(parts)

@@ -28,7 +28,13 @@ def legs_at(rng: Generator, x: float, z: float, y: float, reach_x: float, reach_
     taper = rng.uniform(0.45, 1.0) if rng.random() < 0.6 else 1.0
     splay = rng.uniform(0, 1) * (rng.random() < 0.35)
     return [
-        rod([a, y, b], [a + np.sign(a) * splay * reach_x, 0, b + np.sign(b) * splay * reach_z], radius, radius * taper, sections)
+        rod(
+            [a, y, b],
+            [a + np.sign(a) * splay * reach_x, 0, b + np.sign(b) * splay * reach_z],
+            radius,
+            radius * taper,
+            sections,
+        )
         for a, b in corners(x, z)
     ]
 
@@ -71,7 +77,9 @@ def coffee_table(rng: Generator) -> trimesh.Trimesh:
     y, width, depth = rng.uniform(0.28, 0.5), rng.uniform(0.6, 1.4), rng.uniform(0.4, 0.8)
     t = rng.uniform(0.02, 0.06)
     parts = [box([width, t, depth], [0, y - t / 2, 0])]
-    parts += mirrored([box([t, y, depth * rng.uniform(0.7, 1.0)], [width / 2 - rng.uniform(0.5, 3) * t, y / 2, 0])])
+    parts += mirrored(
+        [box([t, y, depth * rng.uniform(0.7, 1.0)], [width / 2 - rng.uniform(0.5, 3) * t, y / 2, 0])]
+    )
     if rng.random() < 0.6:
         parts.append(box([width - t, t, depth * 0.9], [0, y * rng.uniform(0.15, 0.5), 0]))
     if rng.random() < 0.25:
@@ -104,7 +112,10 @@ def desk(rng: Generator) -> trimesh.Trimesh:
             foot = rng.uniform(0.0, 0.35) * (rng.random() < 0.7)
             parts += drawers(rng, wide, 1.7 * z, side * (x - wide / 2), under + 0.002, foot)
             if foot > 0.12:
-                parts += [rod([side * x, foot + 0.3, s * z], [side * x, 0, s * z], 0.02, sections=4) for s in (-1, 1)]
+                parts += [
+                    rod([side * x, foot + 0.3, s * z], [side * x, 0, s * z], 0.02, sections=4)
+                    for s in (-1, 1)
+                ]
         elif kind == "panel":
             parts.append(box([t, under + 0.004, 2 * z], [side * x, under / 2, 0]))
         elif kind == "legs":
@@ -124,9 +135,22 @@ def desk(rng: Generator) -> trimesh.Trimesh:
         parts += hutch(rng, width, depth, y)
     if rng.random() < 0.12:
         wing = rng.uniform(0.5, 0.9)
-        parts.append(box([depth * 0.7, y - under, wing], [-width / 2 + depth * 0.35, (y + under) / 2, -depth / 2 - wing / 2 + 0.01]))
-        parts.append(box([t, under + 0.004, wing * 0.8], [-width / 2 + 0.05, under / 2, -depth / 2 - wing / 2]))
-        parts.append(rod([-width / 2 + depth * 0.6, under, -depth / 2 - wing + 0.05], [-width / 2 + depth * 0.6, 0, -depth / 2 - wing + 0.05], 0.02))
+        parts.append(
+            box(
+                [depth * 0.7, y - under, wing],
+                [-width / 2 + depth * 0.35, (y + under) / 2, -depth / 2 - wing / 2 + 0.01],
+            )
+        )
+        parts.append(
+            box([t, under + 0.004, wing * 0.8], [-width / 2 + 0.05, under / 2, -depth / 2 - wing / 2])
+        )
+        parts.append(
+            rod(
+                [-width / 2 + depth * 0.6, under, -depth / 2 - wing + 0.05],
+                [-width / 2 + depth * 0.6, 0, -depth / 2 - wing + 0.05],
+                0.02,
+            )
+        )
     return canonical(parts)
 
 
@@ -137,7 +161,13 @@ def hutch(rng: Generator, width: float, depth: float, y: float) -> Parts:
     if rng.random() < 0.5:
         return back
     shelf = box([width * 0.96, t, reach], [0, y + height, depth / 2 - reach / 2])
-    return [*back, shelf, *mirrored([box([t, height, reach], [width * 0.48 - t / 2, y + height / 2 - 0.002, depth / 2 - reach / 2])])]
+    return [
+        *back,
+        shelf,
+        *mirrored(
+            [box([t, height, reach], [width * 0.48 - t / 2, y + height / 2 - 0.002, depth / 2 - reach / 2])]
+        ),
+    ]
 
 
 def console_table(rng: Generator) -> trimesh.Trimesh:
@@ -164,7 +194,9 @@ def trestle_table(rng: Generator) -> trimesh.Trimesh:
     kind = rng.choice(["a", "x", "post"])
     for side in (-x, x):
         if kind == "a":
-            parts += [rod([side, under + 0.002, s * z * 0.3], [side, 0, s * z], r, sections=4) for s in (-1, 1)]
+            parts += [
+                rod([side, under + 0.002, s * z * 0.3], [side, 0, s * z], r, sections=4) for s in (-1, 1)
+            ]
             parts.append(rod([side, y * 0.4, -z * 0.7], [side, y * 0.4, z * 0.7], 0.6 * r, sections=4))
         elif kind == "x":
             parts += [rod([side, under + 0.002, -s * z], [side, 0, s * z], r, sections=4) for s in (-1, 1)]
@@ -182,16 +214,33 @@ def frame_table(rng: Generator) -> trimesh.Trimesh:
     """A top on bent-tube or square sledge frames, or on hairpin legs."""
     low = rng.random() < 0.3
     y = rng.uniform(0.35, 0.5) if low else rng.uniform(0.68, 0.78)
-    width, depth = rng.uniform(0.8, 2.2) * (0.6 if low else 1.0), rng.uniform(0.5, 1.0) * (0.8 if low else 1.0)
+    width, depth = (
+        rng.uniform(0.8, 2.2) * (0.6 if low else 1.0),
+        rng.uniform(0.5, 1.0) * (0.8 if low else 1.0),
+    )
     parts, under = top_plate(rng, width, depth, y)
-    x, z, r = width / 2 * rng.uniform(0.6, 0.95), depth / 2 * rng.uniform(0.7, 0.95), rng.uniform(0.012, 0.035)
+    x, z, r = (
+        width / 2 * rng.uniform(0.6, 0.95),
+        depth / 2 * rng.uniform(0.7, 0.95),
+        rng.uniform(0.012, 0.035),
+    )
     sections, bend = int(rng.choice([4, 12])), rng.uniform(0.01, 0.08)
     for side in (-x, x):
         feet = rng.uniform(0.5, 1.0) * z
-        knots = [[side, under, 0], [side, under - r, -z], [side, r, -feet], [side, r, feet], [side, under - r, z], [side, under, 0]]
+        knots = [
+            [side, under, 0],
+            [side, under - r, -z],
+            [side, r, -feet],
+            [side, r, feet],
+            [side, under - r, z],
+            [side, under, 0],
+        ]
         parts.append(tube(smooth_path(knots, bend), r, sections=sections))
     if rng.random() < 0.5:
-        parts += [rod([-x, under - r, s * z * 0.9], [x, under - r, s * z * 0.9], r, sections=sections) for s in (-1, 1)]
+        parts += [
+            rod([-x, under - r, s * z * 0.9], [x, under - r, s * z * 0.9], r, sections=sections)
+            for s in (-1, 1)
+        ]
     return canonical(parts)
 
 
@@ -224,7 +273,11 @@ def conference_table(rng: Generator) -> trimesh.Trimesh:
     if base == "legs":
         r = rng.uniform(0.018, 0.045)
         rows = np.linspace(-x, x, 2 if width < 2.6 else 3)
-        parts += [rod([a, under + 0.002, s * z], [a, 0, s * z], r, sections=int(rng.choice([4, 12]))) for a in rows for s in (-1, 1)]
+        parts += [
+            rod([a, under + 0.002, s * z], [a, 0, s * z], r, sections=int(rng.choice([4, 12])))
+            for a in rows
+            for s in (-1, 1)
+        ]
         parts += aprons(rng, x, z, under + 0.002, 0.7)
     elif base == "shelled":
         parts += [box([2 * x, under, panel_t], [0, under / 2, s * z]) for s in (-1, 1)]
