@@ -3,6 +3,7 @@
 import logging
 import os
 import sys
+from typing import Annotated
 
 import tyro
 from rich.console import Console
@@ -13,19 +14,23 @@ from objgraph.errors import ObjectGraphError
 
 def main(arguments: list[str] | None = None) -> int:
     """Run one subcommand; an error that the user can mend is one line, not a traceback."""
+    # imported here, so that a mistyped word is answered before torch and open3d are loaded
     from objgraph.commands import MapCommand, run_map
-    from objgraph.prior.commands import TrainCommand, run_train
+    from objgraph.prior.export import train_command
+    from objgraph.prior.train import TrainConfig
 
     console = Console(width=None if sys.stdout.isatty() else int(os.environ.get("COLUMNS", "140")))
     logging.basicConfig(
         level=logging.WARNING, format="%(message)s", handlers=[RichHandler(console=console, show_path=False)]
     )
 
-    def map_(command: tyro.conf.OmitArgPrefixes[MapCommand]) -> None:
+    def map_(command: Annotated[MapCommand, tyro.conf.arg(name="")]) -> None:
+        """Map the objects of one scan."""
         run_map(command, console)
 
-    def train(command: tyro.conf.OmitArgPrefixes[TrainCommand]) -> None:
-        run_train(command, console)
+    def train(config: Annotated[TrainConfig, tyro.conf.arg(name="")]) -> None:
+        """Train a category's shape prior; a killed run goes on where it was."""
+        console.print(f"written to {train_command(config)}")
 
     try:
         tyro.extras.subcommand_cli_from_dict(

@@ -2,10 +2,12 @@
 
 import json
 import logging
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
+import tyro
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
@@ -35,20 +37,18 @@ class MapCommand:
     """The data set's folder; the sample needs none."""
     scene: str | None = None
     """Name of the scan; may be left out where there is only one."""
-    views: int = 3
-    """Views of each object."""
     scan2cad: Path | None = None
     """Folder of the Scan2CAD annotations; by default beside `root`. Read by the evaluation alone."""
     shapenet: Path | None = None
     """Folder of the ShapeNet meshes; by default beside `root`. Read by the evaluation alone."""
-    config: MappingConfig = field(default_factory=MappingConfig)
-    """Everything else."""
+    config: Annotated[MappingConfig, tyro.conf.arg(name="")] = field(default_factory=MappingConfig)
+    """How it is mapped."""
 
 
 def run_map(command: MapCommand, console: Console) -> ObjectMap:
     """Load, map, evaluate where there is ground truth, save, and show."""
     scan = _load(command)
-    config = replace(command.config, views=command.views)
+    config = command.config
     with _progress(console) as progress:
         task = progress.add_task("starting", total=None)
         object_map = map_scan(

@@ -104,7 +104,7 @@ class ObjectGraph:
         depth = DepthFactor(
             handle.keys, decoder, camera, view.rays,
             renderer=self._renderer(), prior_sigma=sigma, sampling=config.sampling,
-            weighting=self._weighting(view.patches, np.count_nonzero(view.rays.hit)),
+            weighting=self._weighting(view.patches, int(view.rays.hit.sum())),
         )  # fmt: skip
         for factor in (surface, depth):
             self.graph.push_back(factor.gtsam_factor())

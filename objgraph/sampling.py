@@ -207,7 +207,7 @@ def _nearest(depth: Float[np.ndarray, "h w"], known: Bool[np.ndarray, "h w"]) ->
 
     About an outline: what would be seen but for the object, or where the object next to a pixel lies.
     """
-    v, u = distance_transform_edt(~known, return_distances=False, return_indices=True)
+    _, (v, u) = distance_transform_edt(~known, return_indices=True)  # pyright: ignore[reportGeneralTypeIssues]
     return depth[v, u]
 
 

@@ -182,11 +182,15 @@ def _batch(
 
 
 def _model(config: TrainConfig, shapes: int) -> tuple[AutoDecoder, torch.optim.Optimizer]:
+    model = AutoDecoder(_decoder(config), shapes, config.decoder.code_length, config.seed, config.average_decay)
+    return model, torch.optim.Adam(model.parameters(), lr=config.learning_rate)
+
+
+def _decoder(config: TrainConfig) -> Decoder:
+    """A decoder with the seed's own first weights; the caller's generator is left as it was."""
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(config.seed)
-        decoder = Decoder(config.decoder)
-    model = AutoDecoder(decoder, shapes, config.decoder.code_length, config.seed, config.average_decay)
-    return model, torch.optim.Adam(model.parameters(), lr=config.learning_rate)
+        return Decoder(config.decoder)
 
 
 def _resume(
@@ -218,7 +222,7 @@ def _save(
 
 def _trained(config: TrainConfig, model: AutoDecoder, step: int, loss: float) -> Trained:
     average = model.averaged()
-    decoder = Decoder(config.decoder)
+    decoder = _decoder(config)
     prefix = "decoder."
     decoder.load_state_dict({k.removeprefix(prefix): v for k, v in average.items() if k.startswith(prefix)})
     decoder.requires_grad_(False).eval()

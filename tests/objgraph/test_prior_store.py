@@ -1,0 +1,155 @@
+"""Priors as files, and finding them by category."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from numpy.testing import assert_array_equal
+from safetensors import safe_open
+from safetensors.torch import load_file, save_file
+
+from factors.decoder import Decoder, DecoderConfig
+from factors.errors import FactorError
+from objgraph.errors import PriorError
+from objgraph.prior.prior import ShapePrior
+from objgraph.prior.registry import ALIASES, WEIGHTS, available_priors, load_prior
+from objgraph.prior.size import FURNITURE, size_statistics
+from objgraph.prior.store import digest, save_prior
+
+
+@pytest.fixture
+def prior() -> ShapePrior:
+    torch.manual_seed(0)
+    decoder = Decoder(DecoderConfig(code_length=3, width=8, depth=3, skip=1, octaves=1))
+    return ShapePrior(
+        "lamp", decoder, np.arange(3.0), np.diag([1.0, 2.0, 3.0]), 0.01, 0.5, 0.2, {"data": "none"}
+    )
+
+
+def rewrite(path: Path, change) -> None:
+    """Change a saved prior's header or tensors and give it a fitting hash."""
+    tensors = load_file(path)
+    with safe_open(path, framework="pt") as file:
+        header = json.loads(file.metadata()["json"])
+    change(tensors, header)
+    save_file(tensors, path, {"json": json.dumps({**header, "sha256": digest(tensors)})})
+
+
+def test_round_trip(prior: ShapePrior, tmp_path: Path) -> None:
+    path = tmp_path / "lamp.safetensors"
+    save_prior(prior, path)
+    loaded = load_prior(path)
+    assert (loaded.category, loaded.residual_sigma, loaded.size_mean, loaded.size_log_sigma) == (
+        "lamp",
+        0.01,
+        0.5,
+        0.2,
+    )
+    assert_array_equal(loaded.code_mean, prior.code_mean)
+    assert_array_equal(loaded.code_covariance, prior.code_covariance)
+    assert loaded.decoder.config == prior.decoder.config
+    points, code = torch.rand(20, 3), torch.rand(1, 3)
+    assert_array_equal(loaded.decoder(points, code).numpy(), prior.decoder(points, code).detach().numpy())
+    assert not any(value.requires_grad for value in loaded.decoder.parameters())
+    assert loaded.card["data"] == "none"
+    assert loaded.card["frame"].startswith("y up")
+    first = path.read_bytes()
+    save_prior(loaded, path)
+    assert path.read_bytes() == first
+    assert [item.name for item in tmp_path.iterdir()] == ["lamp.safetensors"]
+
+
+@pytest.mark.parametrize("damage", ["missing", "empty", "truncated", "text", "foreign", "flipped"])
+def test_bad_file_is_named(prior: ShapePrior, tmp_path: Path, damage: str) -> None:
+    path = tmp_path / "lamp.safetensors"
+    save_prior(prior, path)
+    content = path.read_bytes()
+    if damage == "missing":
+        path.unlink()
+    elif damage == "foreign":
+        save_file({"a": torch.zeros(3)}, path)
+    else:
+        flipped = content[:-5] + bytes([content[-5] ^ 1]) + content[-4:]
+        path.write_bytes(
+            {"empty": b"", "truncated": content[:-9], "text": b"no weights" * 50, "flipped": flipped}[damage]
+        )
+    with pytest.raises(PriorError, match=r"lamp\.safetensors"):
+        load_prior(path)
+
+
+def test_wrong_code_length(prior: ShapePrior, tmp_path: Path) -> None:
+    path = tmp_path / "lamp.safetensors"
+    save_prior(replace(prior, code_mean=np.zeros(5)), path)
+    with pytest.raises(PriorError, match="do not fit a decoder of 3-dimensional codes"):
+        load_prior(path)
+    with pytest.raises(FactorError, match="do not fit this decoder"):
+        prior.decoder(torch.zeros(1, 3), torch.zeros(1, 5))
+
+
+def test_not_finite_weights(prior: ShapePrior, tmp_path: Path) -> None:
+    path = tmp_path / "lamp.safetensors"
+    save_prior(replace(prior, residual_sigma=float("nan")), path)
+    with pytest.raises(PriorError, match="not finite"):
+        load_prior(path)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda tensors, header: header.update(format="objgraph-prior-0"),
+        lambda tensors, header: header.update(decoder={"width": 8}),
+        lambda tensors, header: header.update(decoder={"colour": 8}),
+        lambda tensors, header: header.update(decoder={"depth": 2, "skip": 4}),
+        lambda tensors, header: header.pop("size_mean"),
+        lambda tensors, header: tensors.pop("decoder.output.bias"),
+        lambda tensors, header: tensors.pop("code_mean"),
+    ],
+)
+def test_header_that_does_not_fit_the_weights(prior: ShapePrior, tmp_path: Path, change) -> None:
+    path = tmp_path / "lamp.safetensors"
+    save_prior(prior, path)
+    load_prior(path)
+    rewrite(path, change)
+    with pytest.raises(PriorError, match=r"lamp\.safetensors"):
+        load_prior(path)
+
+
+def test_unknown_category_names_those_there_are() -> None:
+    with pytest.raises(PriorError, match="no shape prior for category 'zebra'; available: chair, table"):
+        load_prior("zebra")
+
+
+def test_shipped_priors() -> None:
+    assert available_priors() == ("chair", "table")
+    for category in available_priors():
+        prior = load_prior(category)
+        assert prior.category == category
+        assert (WEIGHTS / f"{category}.safetensors").stat().st_size < 4_000_000
+        assert np.linalg.eigvalsh(prior.code_covariance).min() > 0
+        assert 0 < prior.residual_sigma < 0.02
+        assert prior.card["heldout"]["collected"]
+        with torch.no_grad():
+            code = torch.from_numpy(prior.code_mean[None]).float()
+            corners = 0.55 * torch.cartesian_prod(*[torch.tensor([-1.0, 1.0])] * 3)
+            assert (prior.decoder(corners, code) > 0.05).all()
+        attribution = (WEIGHTS / "ATTRIBUTION.txt").read_text()
+        assert all(entry["file"] in attribution for entry in prior.card["data"]["collected"])
+
+
+def test_aliases_lead_to_shipped_priors() -> None:
+    assert set(ALIASES.values()) <= set(available_priors())
+    assert load_prior("Office Chair").category == "chair"
+
+
+def test_size_statistics() -> None:
+    mean, sigma, _ = size_statistics("chair", [])
+    assert (mean, sigma) == pytest.approx(FURNITURE["chair"])
+    mean, sigma, _ = size_statistics(
+        "lamp", [(1.0, 0.0, 0.0), (0.5, 0.0, 0.0), (2.0, 0.0, 0.0), (90.0, 0.0, 0.0)]
+    )
+    assert mean == pytest.approx(1.0)
+    assert sigma == pytest.approx(np.log(2) * np.sqrt(2 / 3))
+    assert size_statistics("lamp", [])[1] >= 0.5

@@ -1,0 +1,218 @@
+"""Training: it learns, resumes bit for bit after a kill, and stops cleanly where it must."""
+
+import json
+import multiprocessing
+import os
+import signal
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+import trimesh
+from numpy.testing import assert_array_equal
+
+from factors.decoder import DecoderConfig
+from objgraph.errors import PriorError
+from objgraph.prior.corpus import Corpus, CorpusConfig, build_corpus
+from objgraph.prior.export import attribution, export_command, train_command
+from objgraph.prior.fit import fit_error
+from objgraph.prior.index import heldout_groups, read_index
+from objgraph.prior.registry import load_prior
+from objgraph.prior.samples import SampleConfig, SdfSamples
+from objgraph.prior.train import TrainConfig, checkpoint_path, learning_rate, load_trained, train
+
+
+def ball(radius: float, seed: int, count: int = 1500) -> SdfSamples:
+    """Samples of a ball about the origin."""
+    rng = np.random.default_rng(seed)
+    outward = rng.normal(size=(count, 3))
+    near = (
+        (radius + 0.005 * rng.normal(size=(count, 1)))
+        * outward
+        / np.linalg.norm(outward, axis=1, keepdims=True)
+    )
+    points = np.concatenate([near, rng.uniform(-0.6, 0.6, (count, 3))]).astype(np.float32)
+    return SdfSamples(f"ball{radius}", points, (np.linalg.norm(points, axis=1) - radius).astype(np.float32))
+
+
+BALLS = Corpus(tuple(ball(r, i) for i, r in enumerate(np.linspace(0.2, 0.45, 8))), (), (), (), {})
+
+
+@pytest.fixture
+def config(tmp_path: Path) -> TrainConfig:
+    return TrainConfig(
+        category="chair",
+        out=tmp_path,
+        decoder=DecoderConfig(code_length=4, width=32, depth=3, skip=1),
+        steps=12,
+        shapes_per_step=4,
+        points_per_shape=16,
+        warmup=3,
+        learning_rate=3e-3,
+        average_decay=0.9,
+    )
+
+
+def weights(trained) -> list[np.ndarray]:
+    return [trained.codes, *(value.numpy() for value in trained.decoder.state_dict().values())]
+
+
+def test_loss_falls_and_an_unseen_size_is_found(config: TrainConfig) -> None:
+    config = replace(config, steps=600, points_per_shape=64, cooldown=0.5)
+    losses: list[float] = []
+    trained = train(config, BALLS, lambda _, loss: losses.append(loss))
+    assert losses[-1] < 0.3 * losses[0]
+    error = fit_error(
+        trained.decoder, ball(0.33, 99), trained.codes.mean(0), np.cov(trained.codes, rowvar=False), 32
+    )
+    assert error.chamfer < 0.06
+    assert error.surface_sigma < 0.03
+    assert 0.7 < error.gradient_median < 1.3
+
+
+def test_killed_training_resumes_with_the_same_result(config: TrainConfig, tmp_path: Path) -> None:
+    whole = train(replace(config, out=tmp_path / "whole"), BALLS)
+    config = replace(config, checkpoint_seconds=0.0)
+
+    def die() -> None:
+        def kill(step: int, loss: float) -> None:
+            if step == 7:
+                os.kill(os.getpid(), signal.SIGKILL)
+
+        train(config, BALLS, kill)
+
+    child = multiprocessing.get_context("fork").Process(target=die)
+    child.start()
+    child.join()
+    assert child.exitcode == -signal.SIGKILL
+    assert load_trained(config, 8).step == 7
+    resumed = train(config, BALLS)
+    assert resumed.step == 12
+    for ours, theirs in zip(weights(resumed), weights(whole), strict=True):
+        assert_array_equal(ours, theirs)
+    assert [path.name for path in config.out.iterdir() if path.is_file()] == ["chair.checkpoint"]
+
+
+def test_other_settings_do_not_resume_a_checkpoint(config: TrainConfig) -> None:
+    train(config, BALLS)
+    train(replace(config, steps=14), BALLS)
+    with pytest.raises(PriorError, match=r"chair\.checkpoint is the checkpoint of another training"):
+        train(replace(config, seed=1), BALLS)
+    with pytest.raises(PriorError, match="another training"):
+        train(config, replace(BALLS, training=BALLS.training[:5]))
+
+
+def test_truncated_checkpoint_is_named(config: TrainConfig) -> None:
+    train(config, BALLS)
+    path = checkpoint_path(config)
+    path.write_bytes(path.read_bytes()[:-50])
+    with pytest.raises(PriorError, match=r"chair\.checkpoint is missing, damaged"):
+        train(config, BALLS)
+
+
+def test_nan_stops_the_training_and_writes_nothing(config: TrainConfig) -> None:
+    bad = ball(0.3, 0)
+    bad.sdf[:] = np.nan
+    with pytest.raises(PriorError, match="the loss is nan at step 0"):
+        train(config, replace(BALLS, training=(bad, bad, bad, bad)))
+    assert not list(config.out.iterdir())
+
+
+def test_nothing_to_train_on(config: TrainConfig) -> None:
+    with pytest.raises(PriorError, match="no chair to train on"):
+        train(config, replace(BALLS, training=()))
+    with pytest.raises(PriorError, match="has not been trained in that folder"):
+        load_trained(config, 8)
+
+
+def test_learning_rate_rises_stays_and_falls() -> None:
+    config = TrainConfig(steps=1000, warmup=100, cooldown=0.4, learning_rate=1.0)
+    rates = [learning_rate(config, step) for step in (0, 99, 500, 800, 999)]
+    assert rates[0] == pytest.approx(0.01)
+    assert rates[1:3] == [1.0, 1.0]
+    assert rates[3] == pytest.approx(0.5)
+    assert rates[4] == pytest.approx(0.02)
+
+
+@pytest.fixture
+def meshes(tmp_path: Path) -> Path:
+    """A folder of five tables in three groups, one of them unreadable."""
+    folder = tmp_path / "meshes"
+    folder.mkdir()
+    entries = []
+    for i, group in enumerate("aabca"):
+        name = f"t{i}.ply"
+        trimesh.creation.box((0.6 + 0.05 * i, 0.3, 0.5)).export(folder / name)
+        entry = {
+            "file": name,
+            "category": "table",
+            "group": group,
+            "licence": "CC0-1.0",
+            "attribution": f"box {i}",
+        }
+        entries.append({**entry, "source_repo": "boxes/boxes", "size_m": [1.2, 0.6, 1.0]})
+    (folder / "t4.ply").write_bytes(b"ply\nnothing")
+    (folder / "index.json").write_text(json.dumps({"meshes": entries}))
+    return folder
+
+
+def test_meshes_to_prior(meshes: Path, config: TrainConfig) -> None:
+    config = replace(
+        config,
+        category="table",
+        meshes=meshes,
+        corpus=CorpusConfig(procedural=4, copies=1, procedural_heldout=4),
+        samples=SampleConfig(count=600),
+    )
+    path = train_command(config)
+    prior = load_prior(path)
+    assert prior.category == "table"
+    assert prior.code_mean.shape == (4,)
+    assert np.linalg.eigvalsh(prior.code_covariance).min() > 0
+    assert prior.residual_sigma > 0
+    assert 1.0 < prior.size_mean < 2.0
+    data, heldout = prior.card["data"], prior.card["heldout"]
+    used = {entry["file"] for entry in data["collected"]}
+    assert "t4.ply" in data["skipped"] or "t4.ply" in heldout["collected"]
+    assert used.isdisjoint(heldout["collected"])
+    assert heldout["summary"]["count"] == len(heldout["collected"]) > 0
+    text = attribution([prior])
+    assert all(f"{name}: box" in text for name in used)
+    first = path.read_bytes()
+    assert export_command(config) == path
+    assert path.read_bytes() == first
+
+
+def test_groups_are_held_out_whole(meshes: Path) -> None:
+    entries = read_index(meshes, "table")
+    for share in (0.0, 0.3, 0.7):
+        held = heldout_groups(entries, share)
+        count = sum(entry.group in held for entry in entries)
+        assert count >= share * len(entries)
+        assert held == heldout_groups(entries[::-1], share)
+    assert heldout_groups(entries, 0.0) == set()
+
+
+@pytest.mark.parametrize(
+    "content", [None, "{", "[]", '{"meshes": [{"category": "table"}]}', '{"meshes": []}']
+)
+def test_bad_index_is_named(tmp_path: Path, content: str | None) -> None:
+    if content is not None:
+        (tmp_path / "index.json").write_text(content)
+    with pytest.raises(PriorError, match=r"index\.json"):
+        read_index(tmp_path, "table")
+
+
+def test_unknown_category_needs_meshes(tmp_path: Path) -> None:
+    with pytest.raises(PriorError, match=r"'lamp' has no procedural family \(chair, table\)"):
+        build_corpus("lamp", None, CorpusConfig(), SampleConfig(), tmp_path)
+
+
+def test_training_leaves_the_global_generator_alone(config: TrainConfig) -> None:
+    torch.manual_seed(3)
+    expected = torch.rand(2)
+    torch.manual_seed(3)
+    train(config, BALLS)
+    assert_array_equal(torch.rand(2).numpy(), expected.numpy())
