@@ -25,11 +25,11 @@ class Annealing:
 
 @dataclass
 class _Decoded:
-    """The decoder's last answer to a factor, and what was asked."""
+    """The decoder's last answers to a factor, and what was asked."""
 
     fingerprint: bytes
     value: Tensor
-    jet: SdfJet | None
+    jet: SdfJet | None = None
 
 
 class ObservationFactor(ABC):
@@ -92,8 +92,12 @@ class ObservationFactor(ABC):
         """The frozen loss, given the decoder's values at `points_camera`."""
 
     @abstractmethod
-    def rows_of(self, query: SdfQuery, jet: SdfJet) -> Rows:
-        """Loss, residual rows and their Jacobian."""
+    def active(self, value: Tensor) -> Tensor:
+        """Indices of the points whose derivatives matter, given the decoder's values at all of them."""
+
+    @abstractmethod
+    def rows_of(self, query: SdfQuery, value: Tensor, jet: SdfJet) -> Rows:
+        """Loss, residual rows and their Jacobian, given all values and the active points' derivatives."""
 
     def query(self, values: gtsam.Values) -> SdfQuery:
         """What this factor asks of the decoder at `values`; freezes there first if nobody has."""
@@ -109,18 +113,22 @@ class ObservationFactor(ABC):
     def rows(self, values: gtsam.Values) -> Rows:
         """All rows, before their reduction."""
         query = self.query(values)
-        return self.rows_of(query, self._jet(query))
+        value, jet = self._value(query), self._jet(query)
+        return self.rows_of(query, value, jet)
 
-    def remember(self, query: SdfQuery, value: Tensor, jet: SdfJet | None) -> None:
-        """Keep the decoder's answer to `query`: the next evaluation at the same place need not ask again."""
-        self._decoded = _Decoded(_fingerprint(query), value, jet)
-
-    def knows(self, query: SdfQuery, jacobian: bool) -> bool:
-        """Whether the answer to `query` is at hand."""
+    def known_value(self, query: SdfQuery) -> Tensor | None:
+        """The decoder's values at `query`, where they are at hand."""
         last = self._decoded
-        if last is None or (jacobian and last.jet is None):
-            return False
-        return last.fingerprint == _fingerprint(query)
+        return last.value if last is not None and last.fingerprint == _fingerprint(query) else None
+
+    def known_jet(self, query: SdfQuery) -> SdfJet | None:
+        """The active points' derivatives at `query`, where they are at hand."""
+        last = self._decoded
+        return last.jet if last is not None and last.fingerprint == _fingerprint(query) else None
+
+    def remember(self, query: SdfQuery, value: Tensor, jet: SdfJet | None = None) -> None:
+        """Keep the decoder's answers to `query`: the next evaluation at the same place need not ask again."""
+        self._decoded = _Decoded(_fingerprint(query), value, jet)
 
     def gtsam_factor(self) -> gtsam.CustomFactor:
         """The factor to add to a graph; it follows later calls of `refresh` on this object."""
@@ -138,19 +146,20 @@ class ObservationFactor(ABC):
         return guarded_factor(self.keys, dims, sum(dims) + 1, evaluate, type(self).__name__)
 
     def _value(self, query: SdfQuery) -> Tensor:
-        if not self.knows(query, jacobian=False):
+        value = self.known_value(query)
+        if value is None:
             with torch.no_grad():
-                self.remember(query, self.decoder(query.p_object, query.code[None]), None)
-        assert self._decoded is not None
-        return self._decoded.value
+                value = self.decoder(query.p_object, query.code[None])
+            self.remember(query, value)
+        return value
 
     def _jet(self, query: SdfQuery) -> SdfJet:
-        if not self.knows(query, jacobian=True):
-            jet = self.decoder.linearize(query.p_object, query.code[None])
-            self.remember(query, jet.value, jet)
-        assert self._decoded is not None
-        assert self._decoded.jet is not None
-        return self._decoded.jet
+        jet = self.known_jet(query)
+        if jet is None:
+            value = self._value(query)
+            jet = self.decoder.linearize(query.p_object[self.active(value)], query.code[None])
+            self.remember(query, value, jet)
+        return jet
 
 
 def _fingerprint(query: SdfQuery) -> bytes:

@@ -1,9 +1,11 @@
 """One decoder call for many factors: they may belong to many objects, views and kinds."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 
 import gtsam
 import torch
+from jaxtyping import Float, Int
+from torch import Tensor
 
 from factors.base import ObservationFactor
 from factors.decoder import SdfJet
@@ -15,41 +17,54 @@ CHUNK = 65536
 
 def prefetch(factors: Iterable[ObservationFactor], values: gtsam.Values, jacobian: bool) -> None:
     """Decode what `factors` need at `values` in few calls; their next evaluation there is free of decoding."""
+    queries = [(factor, factor.query(values)) for factor in factors]
+    for batch in _batches([item for item in queries if item[0].known_value(item[1]) is None]):
+        points, codes, owner, sizes = _stack(batch)
+        with torch.no_grad():
+            found = batch[0][0].decoder(points, codes, owner).split(sizes)
+        for (factor, query), value in zip(batch, found, strict=True):
+            factor.remember(query, value)
+    if jacobian:
+        _prefetch_jets([item for item in queries if item[0].known_jet(item[1]) is None])
+
+
+def _prefetch_jets(queries: list[tuple[ObservationFactor, SdfQuery]]) -> None:
+    some, whole = [], {}
+    for factor, query in queries:
+        value = factor.known_value(query)
+        assert value is not None
+        some.append((factor, query.take(factor.active(value))))
+        whole[id(factor)] = query, value
+    for batch in _batches(some):
+        points, codes, owner, sizes = _stack(batch)
+        jet = batch[0][0].decoder.linearize(points, codes, owner)
+        for (factor, _), *parts in zip(batch, *(part.split(sizes) for part in jet), strict=True):
+            factor.remember(*whole[id(factor)], SdfJet(*parts))
+
+
+def _batches(
+    queries: list[tuple[ObservationFactor, SdfQuery]],
+) -> Iterator[list[tuple[ObservationFactor, SdfQuery]]]:
+    """Groups of one decoder and bounded size."""
     by_decoder: dict[int, list[tuple[ObservationFactor, SdfQuery]]] = {}
-    for factor in factors:
-        query = factor.query(values)
-        if not factor.knows(query, jacobian):
-            by_decoder.setdefault(id(factor.decoder), []).append((factor, query))
+    for factor, query in queries:
+        by_decoder.setdefault(id(factor.decoder), []).append((factor, query))
     for group in by_decoder.values():
-        for batch in _chunks(group):
-            _decode(batch, jacobian)
-
-
-def _chunks(group: list[tuple[ObservationFactor, SdfQuery]]):
-    batch, size = [], 0
-    for item in group:
-        if batch and size + len(item[1].p_object) > CHUNK:
-            yield batch
-            batch, size = [], 0
-        batch.append(item)
-        size += len(item[1].p_object)
-    if batch:
+        batch, size = [], 0
+        for item in group:
+            if batch and size + len(item[1].p_object) > CHUNK:
+                yield batch
+                batch, size = [], 0
+            batch.append(item)
+            size += len(item[1].p_object)
         yield batch
 
 
-def _decode(batch: list[tuple[ObservationFactor, SdfQuery]], jacobian: bool) -> None:
-    decoder = batch[0][0].decoder
+def _stack(
+    batch: list[tuple[ObservationFactor, SdfQuery]],
+) -> tuple[Float[Tensor, "n 3"], Float[Tensor, "b l"], Int[Tensor, "n"], list[int]]:
     sizes = [len(query.p_object) for _, query in batch]
     points = torch.cat([query.p_object for _, query in batch])
     codes = torch.stack([query.code for _, query in batch])
     owner = torch.repeat_interleave(torch.arange(len(batch)), torch.tensor(sizes)).to(points.device)
-    if jacobian:
-        jets = zip(*(part.split(sizes) for part in decoder.linearize(points, codes, owner)), strict=True)
-        for (factor, query), parts in zip(batch, jets, strict=True):
-            jet = SdfJet(*parts)
-            factor.remember(query, jet.value, jet)
-        return
-    with torch.no_grad():
-        values = decoder(points, codes, owner).split(sizes)
-    for (factor, query), value in zip(batch, values, strict=True):
-        factor.remember(query, value, None)
+    return points, codes, owner, sizes

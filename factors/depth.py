@@ -14,17 +14,24 @@ from factors.rays import RayCells, Rays, box_interval, choose_cells, coarse_dept
 from factors.reduce import Rows
 from factors.rendering import FullDistribution, RayTargets, RenderedRows, Renderer
 from factors.sdf import SdfQuery, metres_per_unit, query_points, sdf_jacobian
-from factors.state import ObjectKeys
+from factors.state import ObjectKeys, ObjectState
 from factors.weighting import Weighting
+
+_NEGLIGIBLE = 1e-7
+"""A cell whose derivative is smaller than this share of the largest is not differentiated."""
+
+
+_NEAR = 0.1
+"""Canonical distance from the surface within which the decoder's own gradient gives the metric."""
 
 
 @dataclass(frozen=True)
 class RaySampling:
     """How finely rays are cut."""
 
-    coarse: int = 16
+    coarse: int = 12
     """Equal steps through the object's box that find the surface, at every refresh."""
-    cells: int = 14
+    cells: int = 10
     """Cells a ray that the factor decodes at every evaluation."""
 
 
@@ -84,10 +91,11 @@ class DepthFactor(ObservationFactor):
         cells = self._choose_cells(state, camera, near[meets], far[meets], meets, targets, annealing)
         p_camera = self._points(meets, cells.depth)
         query = query_points(self.decoder, state, camera, p_camera)
-        jet = self.decoder.linearize(query.p_object, query.code[None])
-        self.remember(query, jet.value, jet)
-        metres = metres_per_unit(jet.d_point, state).double().view_as(cells.depth)
-        sdf, sdf_sigma = metres * jet.value.double().view_as(metres), self._prior_sigma * metres
+        with torch.no_grad():
+            value = self.decoder(query.p_object, query.code[None])
+        self.remember(query, value)
+        metres = self._metres(query, value, state).view_as(cells.depth)
+        sdf, sdf_sigma = metres * value.double().view_as(metres), self._prior_sigma * metres
         spread = self._renderer.freeze(sdf, sdf_sigma.clamp_min(1e-6), cells, targets, annealing.slope)
         self._frozen = _Frozen(
             meets, cells, targets, p_camera, metres, sdf_sigma.clamp_min(1e-6), spread,
@@ -100,21 +108,27 @@ class DepthFactor(ObservationFactor):
     def loss_of(self, value: Tensor) -> float:
         return float((self._held.weight * self._render(value).loss).sum())
 
-    def rows_of(self, query: SdfQuery, jet: SdfJet) -> Rows:
+    def active(self, value: Tensor) -> Tensor:
+        strength = (self._held.weight.sqrt()[:, None, None] * self._render(value).d_sdf).abs().amax(dim=1)
+        return torch.nonzero((strength > _NEGLIGIBLE * strength.max()).flatten())[:, 0]
+
+    def rows_of(self, query: SdfQuery, value: Tensor, jet: SdfJet) -> Rows:
         frozen = self._held
-        rendered = self._render(jet.value)
+        rendered = self._render(value)
         root = frozen.weight.sqrt()[:, None]
         residual = (root * rendered.residual).flatten()
-        rows = self._quantity_jacobian(query, jet, root[..., None] * rendered.d_sdf)
+        rows = self._quantity_jacobian(query, self.active(value), jet, root[..., None] * rendered.d_sdf)
         speaks = (residual != 0) | (rows.abs().amax(dim=1) > 0)
         loss = float((frozen.weight * rendered.loss).sum())
         return Rows(rows[speaks], residual[speaks], loss)
 
-    def _quantity_jacobian(self, query: SdfQuery, jet: SdfJet, d_sdf: Tensor) -> Tensor:
+    def _quantity_jacobian(self, query: SdfQuery, active: Tensor, jet: SdfJet, d_sdf: Tensor) -> Tensor:
         """Chain rule: rows (r * q, d) of quantities whose derivative w.r.t. the cells' metric SDF is (r, q, k)."""
         metres = self._held.metres
-        jacobian = sdf_jacobian(query, jet, self.has_camera_key).double().unflatten(0, metres.shape)
-        return torch.bmm(d_sdf * metres[:, None, :], jacobian).flatten(0, 1)
+        some = sdf_jacobian(query.take(active), jet, self.has_camera_key).double()
+        jacobian = torch.zeros(metres.numel(), some.shape[1], dtype=some.dtype)
+        jacobian[active] = some * metres.flatten()[active, None]
+        return torch.bmm(d_sdf, jacobian.unflatten(0, metres.shape)).flatten(0, 1)
 
     def _render(self, value: Tensor) -> RenderedRows:
         frozen = self._held
@@ -125,7 +139,7 @@ class DepthFactor(ObservationFactor):
 
     def _choose_cells(
         self,
-        state,
+        state: ObjectState,
         camera: gtsam.Pose3,
         near: np.ndarray,
         far: np.ndarray,
@@ -141,8 +155,24 @@ class DepthFactor(ObservationFactor):
         metres = float(np.exp(state.log_scale.mean()))
         band = max(2.0 / annealing.slope, 0.5 * metres / self._sampling.coarse)
         return choose_cells(
-            start, end, metres * sdf, torch.minimum(targets.stop, targets.end), self._sampling.cells, band
+            start,
+            end,
+            metres * sdf,
+            targets.depth,
+            torch.minimum(targets.stop, targets.end),
+            self._sampling.cells,
+            band,
         )
+
+    def _metres(self, query: SdfQuery, value: Tensor, state: ObjectState) -> Tensor:
+        """Metres per canonical unit of every cell; away from the surface, where it hardly matters, their mean."""
+        mean = float(np.exp(state.log_scale.mean()))
+        metres = torch.full((len(value),), mean, dtype=torch.float64)
+        near = torch.nonzero(value.abs() < _NEAR)[:, 0]
+        if len(near):
+            jet = self.decoder.linearize(query.p_object[near], query.code[None])
+            metres[near] = metres_per_unit(jet.d_point, state).double()
+        return metres
 
     def _points(self, rays: np.ndarray, depth: Tensor) -> np.ndarray:
         directions = self._rays.directions_camera[rays]

@@ -87,27 +87,28 @@ def choose_cells(
     near: Float[Tensor, "r"],
     far: Float[Tensor, "r"],
     coarse_sdf: Float[Tensor, "r c"],
-    observed: Float[Tensor, "r"],
+    depth: Float[Tensor, "r"],
+    step_at: Float[Tensor, "r"],
     count: int,
     band: float,
 ) -> RayCells:
-    """`count` cells a ray, fine where the coarse SDF (metres) is within `band` of zero and at the observation.
+    """`count` cells a ray, fine where the coarse SDF (metres) is within `band` of zero and about `depth`.
 
-    Edges are quantiles of a density over the ray, and the edge nearest to the observed depth is moved onto it,
-    so that no cell straddles the step of the observation.
+    Edges are quantiles of a density over the ray, and the edge nearest to `step_at` is moved onto it, so that no
+    cell straddles the depth at which the observation changes.
     """
     coarse = coarse_sdf.shape[1]
     step = (far - near) / coarse
     middle = coarse_depths(near, far, coarse)
     density = torch.exp(-0.5 * (coarse_sdf / band) ** 2)
-    density = density + 0.5 * torch.exp(-0.5 * ((middle - observed[:, None]) / band) ** 2) + 0.05
+    density = density + 0.5 * torch.exp(-0.5 * ((middle - depth[:, None]) / band) ** 2) + 0.05
     cumulative = torch.cat([torch.zeros_like(near)[:, None], density.cumsum(dim=1)], dim=1)
     cumulative = cumulative / cumulative[:, -1:]
     quantile = torch.linspace(0, 1, count + 1, dtype=near.dtype).expand(len(near), -1).contiguous()
     right = torch.searchsorted(cumulative, quantile).clamp(1, coarse)
     left_mass, right_mass = cumulative.gather(1, right - 1), cumulative.gather(1, right)
     edges = near[:, None] + step[:, None] * (right - 1 + (quantile - left_mass) / (right_mass - left_mass))
-    return _cells(_snap(edges, observed), far)
+    return _cells(_snap(edges, step_at), far)
 
 
 def _snap(edges: Float[Tensor, "r k+1"], observed: Float[Tensor, "r"]) -> Float[Tensor, "r k+1"]:

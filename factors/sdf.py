@@ -5,12 +5,12 @@ rows are h^T [q]x, -h^T, -(g * p_object), df/dz, and for the camera h^T R^T R_c 
 (paper eq:jacobian_code, eq:jacobian_pose, carried through GTSAM's body-frame `retract`).
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import gtsam
 import numpy as np
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from torch import Tensor
 
 from factors.decoder import Decoder, SdfJet
@@ -29,6 +29,10 @@ class SdfQuery:
     state: ObjectState
     T_world_camera: gtsam.Pose3
     p_camera: Float[np.ndarray, "n 3"]
+
+    def take(self, indices: Int[Tensor, "m"]) -> "SdfQuery":
+        """Some of the points."""
+        return replace(self, p_object=self.p_object[indices], p_camera=self.p_camera[indices.cpu().numpy()])
 
 
 def query_points(

@@ -68,7 +68,8 @@ class SurfaceFactor(ObservationFactor):
     def refresh(self, values: gtsam.Values, annealing: Annealing = Annealing()) -> None:  # noqa: B008
         state, camera = self.state(values), self.T_world_camera(values)
         query = query_points(self.decoder, state, camera, self._points_camera)
-        jet = self._jet(query)
+        jet = self.decoder.linearize(query.p_object, query.code[None])
+        self.remember(query, jet.value, jet)
         metres = metres_per_unit(jet.d_point, state).double()
         variance = self._sensor_sigma**2 + (self._prior_sigma * metres) ** 2
         if self._state_covariance is not None:
@@ -84,12 +85,15 @@ class SurfaceFactor(ObservationFactor):
         metres, sigma, weight = self._held
         return float((weight * energy_score(metres * value.double(), sigma)).sum())
 
-    def rows_of(self, query: SdfQuery, jet: SdfJet) -> Rows:
+    def active(self, value: Tensor) -> Tensor:
+        return torch.arange(len(value), device=value.device)
+
+    def rows_of(self, query: SdfQuery, value: Tensor, jet: SdfJet) -> Rows:
         metres, sigma, weight = self._held
-        mu = metres * jet.value.double()
+        mu = metres * value.double()
         root = (weight * majorizing_weight(mu, sigma)).sqrt()
         jacobian = sdf_jacobian(query, jet, self.has_camera_key).double()
-        return Rows((root * metres)[:, None] * jacobian, root * mu, self.loss_of(jet.value))
+        return Rows((root * metres)[:, None] * jacobian, root * mu, self.loss_of(value))
 
     @property
     def _held(self) -> _Frozen:

@@ -8,6 +8,7 @@ from typing import Annotated
 import tyro
 from rich.console import Console
 from rich.logging import RichHandler
+from rich.markup import escape
 
 from objgraph.errors import ObjectGraphError
 
@@ -40,7 +41,7 @@ def main(arguments: list[str] | None = None) -> int:
             args=arguments,
         )
     except ObjectGraphError as error:
-        console.print(f"[bold red]error:[/] {error}", highlight=False)
+        console.print(f"[bold red]error:[/] {escape(str(error))}", highlight=False, soft_wrap=True)
         return 1
     return 0
 

@@ -63,6 +63,9 @@ def joint_covariance(
     graph: gtsam.NonlinearFactorGraph, values: gtsam.Values, keys: Sequence[int]
 ) -> Float[np.ndarray, "d d"]:
     """Joint marginal covariance of `keys`, in their order; raises SolveError where it is not determined."""
+    for key in keys:
+        if graph.keys().count(key) == 0:
+            raise SolveError(_undetermined(gtsam.DefaultKeyFormatter(key)))
     try:
         joint = gtsam.Marginals(graph, values).jointMarginalCovariance(gtsam.KeyVector(keys))
     except RuntimeError as error:
@@ -92,6 +95,10 @@ def _explain(message: str) -> str:
     name = symbol.group(1)
     if name.isdigit():
         name = gtsam.DefaultKeyFormatter(int(name))
+    return _undetermined(name)
+
+
+def _undetermined(name: str) -> str:
     missing = {"s": "a scale prior", "z": "a code prior", "o": "views of the object or a pose prior"}
     return (
         f"the graph does not determine {name}: it needs {missing.get(name[0], 'a prior')}, "

@@ -133,11 +133,23 @@ class ObjectGraph:
         return problems
 
     def problems(self) -> list[Problem]:
-        """The graph's connected parts, each with the values and the decoder factors that belong to it."""
+        """The graph's connected parts, each with the values and the decoder factors that belong to it.
+
+        Raises:
+            SolveError: a factor's variable is not in the values.
+        """
         part = _Parts()
+        for key in self.graph.keyVector():
+            if not self.values.exists(key):
+                raise SolveError(
+                    f"the graph has factors on {gtsam.DefaultKeyFormatter(key)}, which is not in the values: "
+                    "insert a first estimate of it"
+                )
         indices = [i for i in range(self.graph.size()) if self.graph.exists(i)]
         for i in indices:
             part.join(self.graph.at(i).keys())
+        for handle in self.objects:
+            part.join(list(handle.keys))
         graphs: dict[int, gtsam.NonlinearFactorGraph] = {}
         for i in indices:
             factor = self.graph.at(i)
@@ -156,7 +168,7 @@ class ObjectGraph:
     def marginals(self, handle: ObjectHandle) -> ObjectCovariance:
         """The object's joint covariance of pose, log-scale and code; raises SolveError where undetermined."""
         for problem in self.problems():
-            if problem.values.exists(handle.keys.pose):
+            if any(problem.values.exists(key) for key in handle.keys):
                 return marginals(problem.graph, problem.values, handle.keys)
         raise SolveError(f"{handle.name} is not in the graph")
 

@@ -29,11 +29,11 @@ class SensorNoise:
 class SamplingConfig:
     """How a view of an object is sampled."""
 
-    points: int = 400
+    points: int = 300
     """Surface points a view."""
-    hits: int = 250
+    hits: int = 150
     """Rays a view that end on the object."""
-    free: int = 250
+    free: int = 150
     """Rays a view that pass beside it."""
     min_pixels: int = 60
     """Mask pixels with depth below which a view says too little to be used."""
@@ -121,7 +121,8 @@ def observe(frame: Frame, instance: int, config: SamplingConfig | None = None, s
     hit = np.arange(len(directions)) < len(hits)
     at = np.concatenate([z[hits], _nearest(depth, on_object)[free_v, free_u]])
     behind = _nearest(depth, ~mask)[v[hits], u[hits]]
-    end = np.concatenate([np.where(behind > 0, behind, np.inf), depth[free_v, free_u]])
+    # a hit is seen up to its own depth at least, be there an occluder beside it
+    end = np.concatenate([np.where(behind > z[hits], behind, np.inf), depth[free_v, free_u]])
     pixel = config.mask_sigma * at / frame.intrinsics.fx
     rays = Rays(directions, at, hit, end, np.hypot(config.noise(at), pixel))
     return ObjectView(

@@ -13,7 +13,7 @@ import numpy as np
 
 from factors.base import Annealing, ObservationFactor
 from factors.batch import prefetch
-from objgraph.errors import SolveError
+from objgraph.errors import ObjectGraphError, SolveError
 
 
 @dataclass(frozen=True)
@@ -141,7 +141,8 @@ def _levenberg_marquardt(
         # the decoder's derivatives are asked for at once: most trials are accepted and then need them
         _decode(running, trial=True)
         for step in running:
-            step.done = not _guarded(step.problem, lambda _, s=step: _judge(s, config))
+            judged = _guarded(step.problem, lambda _, s=step: _judge(s, config))
+            step.done = step.done or not judged
     return [problem for problem in problems if problem.failure is None]
 
 
@@ -211,7 +212,7 @@ def _guarded(problem: Problem, action: Callable[[Problem], None]) -> bool:
     """Run `action`; a failure is written down, so that one object's never takes the others along."""
     try:
         action(problem)
-    except (RuntimeError, ValueError) as error:  # GTSAM's own exceptions are RuntimeErrors
+    except (ObjectGraphError, RuntimeError, ValueError) as error:  # GTSAM's own exceptions are RuntimeErrors
         problem.failure = str(error).strip().split("\n")[0]
         return False
     return True

@@ -19,6 +19,7 @@ def save_tensors(tensors: dict[str, Tensor], metadata: dict, path: Path) -> None
     try:
         whole = {name: tensor.detach().contiguous().clone() for name, tensor in tensors.items()}
         save_file(whole, temporary, {"json": json.dumps(metadata)})
+        temporary.chmod(0o644)
         os.replace(temporary, path)
     finally:
         temporary.unlink(missing_ok=True)

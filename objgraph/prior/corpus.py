@@ -20,7 +20,7 @@ from objgraph.prior.samples import (
     sample_solid,
     save_samples,
 )
-from objgraph.prior.solid import Solid, solidify
+from objgraph.prior.solid import SOLID_VERSION, Solid, solidify
 from objgraph.prior.warps import random_warp
 
 log = logging.getLogger(__name__)
@@ -135,7 +135,7 @@ def _collected(
 
     shapes = []
     for copy in range(copies + 1):
-        key = cache_key([mesh], samples, seed, copy)
+        key = cache_key([mesh], samples, seed, copy, SOLID_VERSION)
         shapes.append(_cached(f"{name}#{copy}", key, samples, cache, partial(warped, copy, key)))
     return shapes
 

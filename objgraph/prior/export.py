@@ -69,7 +69,7 @@ def make_prior(config: TrainConfig, corpus: Corpus, trained: Trained) -> ShapePr
     unseen = [shape for shape in corpus.heldout if shape.name.split("#")[0] in collected]
     procedural = [shape for shape in corpus.heldout if shape.name.split("#")[0] not in collected]
     errors = _fit(trained, unseen, mean, covariance)
-    procedural_errors = _fit(trained, procedural[:10], mean, covariance)
+    procedural_errors = _fit(trained, procedural[:5], mean, covariance)
     sigmas = [error.surface_sigma for error in errors or procedural_errors]
     metric = [entry.size for entry in corpus.used if entry.size is not None]
     size_mean, size_log_sigma, size_source = size_statistics(config.category, metric)

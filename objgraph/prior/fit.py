@@ -39,8 +39,8 @@ def fit_code(
     samples: SdfSamples,
     mean: Float[np.ndarray, "l"],
     covariance: Float[np.ndarray, "l l"],
-    iterations: int = 15,
-    points: int = 3000,
+    iterations: int = 12,
+    points: int = 2000,
     sigma: float = 0.01,
     effective: float = 300.0,
     seed: int = 0,
@@ -87,7 +87,7 @@ def fit_code(
 
 @torch.no_grad()
 def decode_grid(
-    decoder: Decoder, code: Float[np.ndarray, "l"], resolution: int = 80
+    decoder: Decoder, code: Float[np.ndarray, "l"], resolution: int = 64
 ) -> Float[np.ndarray, "r r r"]:
     """Signed distances on a grid over the box [-0.55, 0.55]^3."""
     axis = torch.linspace(-0.55, 0.55, resolution)
@@ -97,7 +97,7 @@ def decode_grid(
     return torch.cat(values).reshape((resolution,) * 3).numpy()
 
 
-def decode_mesh(decoder: Decoder, code: Float[np.ndarray, "l"], resolution: int = 80) -> Trimesh | None:
+def decode_mesh(decoder: Decoder, code: Float[np.ndarray, "l"], resolution: int = 64) -> Trimesh | None:
     """The zero level of a code's distance field; None where it has no sign change."""
     grid = decode_grid(decoder, code, resolution)
     if not grid.min() < 0 < grid.max():
@@ -112,7 +112,7 @@ def fit_error(
     samples: SdfSamples,
     mean: Float[np.ndarray, "l"],
     covariance: Float[np.ndarray, "l l"],
-    resolution: int = 80,
+    resolution: int = 64,
 ) -> FitError:
     """Fit a shape and measure what is left."""
     code = fit_code(decoder, samples, mean, covariance)
@@ -120,7 +120,7 @@ def fit_error(
 
 
 def code_error(
-    decoder: Decoder, code: Float[np.ndarray, "l"], samples: SdfSamples, resolution: int = 80
+    decoder: Decoder, code: Float[np.ndarray, "l"], samples: SdfSamples, resolution: int = 64
 ) -> FitError:
     """The errors of a shape under a given code."""
     z = torch.from_numpy(code[None].astype(np.float32))

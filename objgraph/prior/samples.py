@@ -14,7 +14,7 @@ from safetensors import SafetensorError
 from safetensors.numpy import load_file, save_file
 
 from objgraph.errors import PriorError
-from objgraph.prior.solid import Solid, SolidDistance
+from objgraph.prior.solid import SHEET_HALF_THICKNESS, Solid, SolidDistance
 
 log = logging.getLogger(__name__)
 
@@ -71,7 +71,7 @@ def surface_points(
     solid: Solid, distance: SolidDistance, count: int, rng: np.random.Generator
 ) -> Float[np.ndarray, "n 3"]:
     """Points on the solid's outer surface; small parts get more than their share of area."""
-    meshes = [*solid.closed, *solid.sheets]
+    meshes = solid.surfaces
     weights = np.array([mesh.area for mesh in meshes]) ** 0.75
     shares = rng.multinomial(2 * count, weights / weights.sum())
     drawn = [
@@ -80,7 +80,7 @@ def surface_points(
         if n
     ]
     points = np.concatenate(drawn)
-    points = points[distance(points) > -2e-3]
+    points = points[distance(points) > -SHEET_HALF_THICKNESS - 1e-4]
     if len(points) == 0:
         raise PriorError(f"mesh {solid.name}: none of its surface is on the outside")
     return points[rng.choice(len(points), count, replace=len(points) < count)]

@@ -12,12 +12,15 @@ from dataclasses import dataclass
 import numpy as np
 import open3d as o3d
 import trimesh
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from objgraph.errors import PriorError
 
 SHEET_HALF_THICKNESS = 0.003
 """Half the thickness given to single sheets, in canonical units: some 3 mm on a chair."""
+
+SOLID_VERSION = 2
+"""Part of the cache's keys: raised whenever `solidify` gives other distances for the same mesh."""
 
 _MAX_CLOSED_COMPONENTS = 60
 _MAX_FLAT_COMPONENTS = 6
@@ -26,78 +29,129 @@ _WATERTIGHT_SECONDS = 40
 
 
 @dataclass(frozen=True)
+class Shell:
+    """A mesh with holes and the watertight surface around it, which stands off by about a voxel."""
+
+    watertight: trimesh.Trimesh
+    original: trimesh.Trimesh
+
+
+@dataclass(frozen=True)
 class Solid:
-    """A union of closed meshes and of sheets, in one frame."""
+    """A union of closed meshes, of meshes closed by shells, and of sheets, in one frame."""
 
     name: str
     closed: tuple[trimesh.Trimesh, ...]
+    shells: tuple[Shell, ...] = ()
     sheets: tuple[trimesh.Trimesh, ...] = ()
+
+    @property
+    def surfaces(self) -> tuple[trimesh.Trimesh, ...]:
+        """The meshes whose faces the solid's surface is made of."""
+        return (*self.closed, *(shell.original for shell in self.shells), *self.sheets)
 
     def warped(self, warp: Callable[[Float[np.ndarray, "v 3"]], Float[np.ndarray, "v 3"]]) -> "Solid":
         """The solid with its vertices moved, then centred and brought back to a box diagonal of 1."""
+        bounds = np.array([_box_of(warp(np.asarray(mesh.vertices))) for mesh in self.surfaces])
+        low, high = bounds[:, 0].min(0), bounds[:, 1].max(0)
 
         def moved(mesh: trimesh.Trimesh) -> trimesh.Trimesh:
-            return trimesh.Trimesh(warp(np.asarray(mesh.vertices)), mesh.faces, process=False)
+            vertices = (warp(np.asarray(mesh.vertices)) - (low + high) / 2) / np.linalg.norm(high - low)
+            return trimesh.Trimesh(vertices, mesh.faces, process=False)
 
-        closed, sheets = [moved(m) for m in self.closed], [moved(m) for m in self.sheets]
-        bounds = np.array([m.bounds for m in closed + sheets])
-        low, high = bounds[:, 0].min(0), bounds[:, 1].max(0)
-        for mesh in closed + sheets:
-            mesh.vertices = (mesh.vertices - (low + high) / 2) / np.linalg.norm(high - low)
-        return Solid(self.name, tuple(closed), tuple(sheets))
+        return Solid(
+            self.name,
+            tuple(moved(mesh) for mesh in self.closed),
+            tuple(Shell(moved(shell.watertight), moved(shell.original)) for shell in self.shells),
+            tuple(moved(mesh) for mesh in self.sheets),
+        )
 
 
 class SolidDistance:
     """Signed distance to a solid: negative inside. Inside overlapping parts it is a lower bound of the depth."""
 
     def __init__(self, solid: Solid) -> None:
-        self._parts = [(_scene(mesh), mesh.bounds, True) for mesh in solid.closed]
-        self._parts += [(_scene(mesh), mesh.bounds, False) for mesh in solid.sheets]
+        self._parts = [(mesh.bounds, _ClosedDistance(mesh)) for mesh in solid.closed]
+        self._parts += [(shell.watertight.bounds, _ShellDistance(shell)) for shell in solid.shells]
+        self._parts += [(mesh.bounds, _SheetDistance(mesh)) for mesh in solid.sheets]
 
     def __call__(self, points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n"]:
         points = np.ascontiguousarray(points, np.float32)
         result = np.full(len(points), np.inf, np.float32)
-        for scene, (low, high), closed in self._parts:
-            beyond = np.maximum(np.maximum(low - points, points - high), 0.0)
+        for (low, high), distance in self._parts:
+            beyond = np.linalg.norm(np.maximum(np.maximum(low - points, points - high), 0.0), axis=1)
             # a part whose box lies farther than the nearest surface so far cannot change the minimum
-            near = np.flatnonzero(
-                np.linalg.norm(beyond, axis=1) < np.maximum(result, 0) + SHEET_HALF_THICKNESS
-            )
-            if len(near) == 0:
-                continue
-            query = o3d.core.Tensor(points[near])
-            distance = scene.compute_distance(query).numpy()
-            if closed:
-                boxed = np.flatnonzero((beyond[near] == 0).all(1))
-                inside = (
-                    scene.compute_occupancy(o3d.core.Tensor(points[near[boxed]]), nsamples=5).numpy() > 0.5
-                )
-                distance[boxed[inside]] *= -1
-            else:
-                distance = distance - SHEET_HALF_THICKNESS
-            result[near] = np.minimum(result[near], distance)
+            near = np.flatnonzero(beyond < np.maximum(result, 0) + SHEET_HALF_THICKNESS)
+            if len(near):
+                result[near] = np.minimum(result[near], distance(points[near], beyond[near] == 0))
         return result
 
 
+class _ClosedDistance:
+    """Signed distance to one closed mesh; `boxed` says which points lie in its bounding box."""
+
+    def __init__(self, mesh: trimesh.Trimesh) -> None:
+        self._scene = _scene(mesh)
+
+    def __call__(
+        self, points: Float[np.ndarray, "n 3"], boxed: Bool[np.ndarray, "n"]
+    ) -> Float[np.ndarray, "n"]:
+        distance = self._scene.compute_distance(o3d.core.Tensor(points)).numpy().copy()
+        candidates = np.flatnonzero(boxed)
+        if len(candidates):
+            inside = (
+                self._scene.compute_occupancy(o3d.core.Tensor(points[candidates]), nsamples=5).numpy() > 0.5
+            )
+            distance[candidates[inside]] *= -1
+        return distance
+
+
+class _ShellDistance:
+    """Distance to the original faces, with the sign of the shell set back by its stand-off."""
+
+    def __init__(self, shell: Shell) -> None:
+        self._shell = _ClosedDistance(shell.watertight)
+        self._original = _scene(shell.original)
+        points = np.asarray(trimesh.sample.sample_surface(shell.original, 3000, seed=0)[0], np.float32)
+        self._stand_off = float(np.median(-self._shell(points, np.ones(len(points), bool))))
+
+    def __call__(
+        self, points: Float[np.ndarray, "n 3"], boxed: Bool[np.ndarray, "n"]
+    ) -> Float[np.ndarray, "n"]:
+        set_back = self._shell(points, boxed) + self._stand_off
+        distance = self._original.compute_distance(o3d.core.Tensor(points)).numpy()
+        # faces within the solid are no surface: there the deeper of the two counts
+        return np.where(set_back > 0, distance, np.minimum(-distance, set_back))
+
+
+class _SheetDistance:
+    """Distance to faces that enclose nothing, thickened."""
+
+    def __init__(self, mesh: trimesh.Trimesh) -> None:
+        self._scene = _scene(mesh)
+
+    def __call__(
+        self, points: Float[np.ndarray, "n 3"], boxed: Bool[np.ndarray, "n"]
+    ) -> Float[np.ndarray, "n"]:
+        del boxed
+        return self._scene.compute_distance(o3d.core.Tensor(points)).numpy() - SHEET_HALF_THICKNESS
+
+
 def solidify(mesh: trimesh.Trimesh, name: str) -> Solid:
-    """The solid that a mesh, closed or not, stands for.
+    """The solid that a mesh, closed or not, stands for; holes of three or four edges are filled first.
 
     Raises:
         PriorError: it is empty or not finite, or its sign of distance is not sane; the message names it.
     """
     if len(mesh.faces) == 0 or not np.isfinite(mesh.vertices).all():
         raise PriorError(f"mesh {name} is empty or has vertices that are not finite: leave it out")
-    components = mesh.split(only_watertight=False)
+    components = mesh.split(only_watertight=False, repair=True)
     closed = [part for part in components if part.is_watertight and abs(part.volume) > 1e-9]
     if len(closed) > _MAX_CLOSED_COMPONENTS:
         closed = []
     rest = [part for part in components if not any(part is c for c in closed)]
-    sheets: list[trimesh.Trimesh] = []
-    if rest:
-        shell, loose = _close(rest, name)
-        closed += shell
-        sheets += loose
-    solid = Solid(name, tuple(closed), tuple(sheets))
+    shells, sheets = _close(rest, name) if rest else ((), ())
+    solid = Solid(name, tuple(closed), shells, sheets)
     check_sign(solid)
     return solid
 
@@ -112,7 +166,7 @@ def check_sign(solid: Solid, points: int = 1000, seed: int = 0) -> None:
             f"mesh {solid.name} cannot be closed: points outside its box have a negative distance"
         )
     inside, outside = [], []
-    for mesh in solid.closed:
+    for mesh in (*solid.closed, *(shell.original for shell in solid.shells)):
         p, face = trimesh.sample.sample_surface(mesh, points, seed=rng)[:2]
         step = 1.5e-3 * mesh.face_normals[face]
         first, second = distance(p + step), distance(p - step)
@@ -125,28 +179,30 @@ def check_sign(solid: Solid, points: int = 1000, seed: int = 0) -> None:
         raise PriorError(f"mesh {solid.name} cannot be closed: {wrong:.0%} of its surface has no inside")
 
 
-def _close(parts: list[trimesh.Trimesh], name: str) -> tuple[list[trimesh.Trimesh], list[trimesh.Trimesh]]:
-    """A watertight shell of open parts, and those faces of theirs that have no inside."""
+def _close(parts: list[trimesh.Trimesh], name: str) -> tuple[tuple[Shell, ...], tuple[trimesh.Trimesh, ...]]:
+    """A shell around open parts, and those faces of theirs that have no inside."""
     # a few flat sheets enclose nothing; a mesh that falls apart into many flat faces may
     if len(parts) <= _MAX_FLAT_COMPONENTS and all(_is_flat(part) for part in parts):
-        return [], parts
+        return (), tuple(parts)
     rest: trimesh.Trimesh = trimesh.util.concatenate(parts)  # pyright: ignore[reportAssignmentType]
-    shell = _watertight(rest, name)
-    scene = _scene(shell)
+    shell = Shell(_watertight(rest, name), rest)
+    distance = _ShellDistance(shell)
     points, face = trimesh.sample.sample_surface(rest, 15_000, seed=0)[:2]
     step = SHEET_HALF_THICKNESS * rest.face_normals[face]
-    ahead, behind = (
-        scene.compute_signed_distance(
-            o3d.core.Tensor((points + s * step).astype(np.float32)), nsamples=3
-        ).numpy()
-        for s in (1, -1)
-    )
+    everywhere = np.ones(len(points), bool)
+    ahead, behind = (distance((points + s * step).astype(np.float32), everywhere) for s in (1, -1))
     hollow = (ahead > 0) & (behind > 0)
     votes = np.bincount(face, minlength=len(rest.faces))
     lone = np.bincount(face, weights=hollow, minlength=len(rest.faces))
     thin = (votes > 0) & (lone > 0.5 * votes)
-    sheets = [rest.submesh([np.flatnonzero(thin)], append=True)] if thin.any() else []
-    return [shell], sheets  # pyright: ignore[reportReturnType]
+    if thin.all() or hollow.mean() > 0.98:
+        return (), (rest,)
+    sheet = (rest.submesh([np.flatnonzero(thin)], append=True),) if thin.any() else ()
+    return (shell,), sheet  # pyright: ignore[reportReturnType]
+
+
+def _box_of(vertices: Float[np.ndarray, "v 3"]) -> Float[np.ndarray, "2 3"]:
+    return np.stack([vertices.min(0), vertices.max(0)])
 
 
 def _is_flat(mesh: trimesh.Trimesh) -> bool:

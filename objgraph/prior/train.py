@@ -182,7 +182,9 @@ def _batch(
 
 
 def _model(config: TrainConfig, shapes: int) -> tuple[AutoDecoder, torch.optim.Optimizer]:
-    model = AutoDecoder(_decoder(config), shapes, config.decoder.code_length, config.seed, config.average_decay)
+    model = AutoDecoder(
+        _decoder(config), shapes, config.decoder.code_length, config.seed, config.average_decay
+    )
     return model, torch.optim.Adam(model.parameters(), lr=config.learning_rate)
 
 

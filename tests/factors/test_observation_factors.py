@@ -106,8 +106,9 @@ def test_rendered_quantity_jacobian(kind, variable_camera):
         return factor._render(factor.decoder(query.p_object, query.code[None])).residual.numpy().ravel()
 
     query = factor.query(values)
-    jet = factor.decoder.linearize(query.p_object, query.code[None])
-    rows = factor._quantity_jacobian(query, jet, rendered.d_sdf).numpy()
+    active = factor.active(factor.decoder(query.p_object, query.code[None]))
+    jet = factor.decoder.linearize(query.p_object[active], query.code[None])
+    rows = factor._quantity_jacobian(query, active, jet, rendered.d_sdf).numpy()
     if kind == "depth-paper":
         rows = rows / np.where(scale == 0, 1, scale)[:, None]
     dof, step = sum(factor.dims), 1e-6
@@ -165,11 +166,11 @@ def test_batched_decoding_changes_nothing(kind):
     other_alone = other.loss(values)
     factor._decoded = other._decoded = None
     prefetch([factor, other], values, jacobian=True)
-    assert factor.knows(factor.query(values), jacobian=True)
+    assert factor.known_jet(factor.query(values)) is not None
     assert factor.loss(values) == pytest.approx(values_alone, rel=1e-12)
     assert other.loss(values) == pytest.approx(other_alone, rel=1e-12)
     torch.testing.assert_close(factor.rows(values).jacobian, rows_alone.jacobian)
-    assert not factor.knows(factor.query(other_values), jacobian=False)
+    assert factor.known_value(factor.query(other_values)) is None
 
 
 @pytest.mark.parametrize("kind", KINDS)

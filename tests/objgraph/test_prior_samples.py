@@ -50,15 +50,34 @@ def test_sheet_becomes_a_thin_solid(points: NDArray) -> None:
     assert (distance(np.array([[0.1, 0.001, 0.2], [0.1, -0.001, 0.2]])) < 0).all()
 
 
-def test_open_box_is_closed_by_its_walls(points: NDArray) -> None:
-    whole = trimesh.creation.box((0.6, 0.6, 0.5))
+def test_missing_side_of_a_box_is_filled(points: NDArray) -> None:
+    extents = (0.6, 0.6, 0.5)
+    whole = trimesh.creation.box(extents)
     lidless = trimesh.Trimesh(whole.vertices, whole.faces[whole.face_normals[:, 1] < 0.5], process=False)
     distance = SolidDistance(solidify(lidless, "lidless"))
-    # the wall is solid, what the lid would have closed in is not, and nothing vanished
-    assert (distance(np.array([[0.2999, -0.1, 0.05], [0.0, -0.2999, 0.05]])) < 0).all()
-    assert distance(np.array([[0.0, 0.1, 0.0]]))[0] > 0.15
-    outside = points[box_distance(points, (0.6, 0.6, 0.5)) > 0.05]
-    assert (distance(outside) > 0.03).all()
+    assert_allclose(distance(points), box_distance(points, extents), atol=1e-5)
+
+
+def test_bowl_becomes_a_thin_wall_and_stays_hollow() -> None:
+    ball = trimesh.creation.icosphere(4, 0.4)
+    bowl = trimesh.Trimesh(ball.vertices, ball.faces[ball.triangles_center[:, 1] < 0.2], process=False)
+    distance = SolidDistance(solidify(bowl, "bowl"))
+    wall = distance(np.array([[0.4, 0, 0], [0, -0.4, 0], [0.24, -0.32, 0]]))
+    assert_allclose(wall, -SHEET_HALF_THICKNESS, atol=1.5e-3)
+    assert_allclose(
+        distance(np.array([[0.3, 0, 0], [0.45, 0, 0], [0, -0.3, 0]])), [0.097, 0.047, 0.097], atol=2e-3
+    )
+
+
+def test_box_of_loose_faces_is_solid(points: NDArray) -> None:
+    extents = (0.6, 0.6, 0.5)
+    whole = trimesh.creation.box(extents).subdivide()
+    loose = trimesh.Trimesh(
+        whole.triangles.reshape(-1, 3), np.arange(3 * len(whole.faces)).reshape(-1, 3), process=False
+    )
+    distance, expected = SolidDistance(solidify(loose, "loose"))(points), box_distance(points, extents)
+    assert_allclose(distance[expected > 0], expected[expected > 0], atol=1e-5)
+    assert (distance[expected < -0.01] < 0).all()
 
 
 def test_overlapping_parts_are_one_solid(points: NDArray) -> None:
