@@ -1,6 +1,5 @@
 """Labelled covariances of an object, from the graph, and what they mean on its surface."""
 
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -8,6 +7,8 @@ import gtsam
 import numpy as np
 import torch
 from jaxtyping import Float
+from scipy.sparse import csc_matrix, diags, eye
+from scipy.sparse.linalg import splu
 
 from factors.decoder import Decoder
 from factors.sdf import metres_per_unit, propagated_variance, query_points, sdf_jacobian
@@ -69,7 +70,8 @@ def joint_covariance(
     try:
         joint = gtsam.Marginals(graph, values).jointMarginalCovariance(gtsam.KeyVector(keys))
     except RuntimeError as error:
-        raise SolveError(_explain(str(error))) from error
+        key = _loosest_key(graph.linearize(values))
+        raise SolveError(_undetermined(gtsam.DefaultKeyFormatter(key))) from error
     matrix = np.block([[joint.at(a, b) for b in keys] for a in keys])
     return 0.5 * (matrix + matrix.T)
 
@@ -88,14 +90,23 @@ def surface_sigma(
     return propagated_variance(jacobian, torch.as_tensor(covariance.matrix)).clamp_min(0).sqrt().numpy()
 
 
-def _explain(message: str) -> str:
-    symbol = re.search(r"Symbol:\s*(\w+)", message) or re.search(r"near variable\s*(\d+)", message)
-    if symbol is None:
-        return f"the covariance cannot be computed: {message.splitlines()[0]}"
-    name = symbol.group(1)
-    if name.isdigit():
-        name = gtsam.DefaultKeyFormatter(int(name))
-    return _undetermined(name)
+def _loosest_key(linear: gtsam.GaussianFactorGraph) -> int:
+    """The variable that moves most in the directions that no factor sees.
+
+    GTSAM names the variable at which its elimination stops, which depends on the ordering.
+    """
+    keys = sorted(linear.keyVector())
+    dims = [linear.gradientAtZero().at(key).size for key in keys]
+    row, column, value = linear.sparseJacobian_()  # counted from 1; the last column is the right-hand side
+    entries = value, (row.astype(int) - 1, column.astype(int) - 1)
+    J = csc_matrix(entries, shape=(int(row.max()), sum(dims) + 1))[:, : sum(dims)]
+    norm = np.sqrt(np.asarray(J.multiply(J).sum(axis=0)).ravel())
+    J = J @ diags(1.0 / np.where(norm > 0, norm, 1.0))
+    # the inverse of a barely regular Hessian throws whatever it is given into the unseen directions
+    probe = np.random.default_rng(0).normal(size=(sum(dims), 8))
+    unseen = splu((J.T @ J + 1e-10 * eye(sum(dims))).tocsc()).solve(probe)
+    share = np.add.reduceat(np.square(unseen).sum(axis=1), np.cumsum([0, *dims[:-1]]))
+    return keys[int(np.argmax(share))]
 
 
 def _undetermined(name: str) -> str:

@@ -33,14 +33,14 @@ class InitialisationConfig:
     rays: int = 150
     """Rays of all views together for the first ranking."""
     sampling: RaySampling = field(default_factory=lambda: RaySampling(coarse=12, cells=8))
-    solver: SolverConfig = field(
-        default_factory=lambda: SolverConfig(
-            slopes=(60.0,),
-            rounds=3,
-            relative_tolerance=2e-2,
-            inner=LevenbergMarquardtConfig(iterations=4, relative_tolerance=1e-2),
-        )
+    slope: float = 60.0
+    """Occupancy slope while guesses are told apart, 1/metres."""
+    inner: LevenbergMarquardtConfig = field(
+        default_factory=lambda: LevenbergMarquardtConfig(iterations=4, relative_tolerance=1e-2)
     )
+    """Each round of that."""
+    shortlist: int = 4
+    """Guesses that are left after the first round."""
     keep: int = 2
     """Guesses that go on to the full solution."""
     floor_reach: float = 0.8
@@ -138,16 +138,22 @@ def rank(
     settings = replace(graph_config, sampling=config.sampling)
     graphs = [single_object_graph(prior, state, thin, up_world, settings) for state in states]
     problems = [graph.problems()[0] for graph in graphs]
-    solve(problems, config.solver)
-    good = [(p.cost, i) for i, p in enumerate(problems) if p.failure is None]
-    if not good:
+    solve(problems, SolverConfig((config.slope,), 1, inner=config.inner))
+    shortlist = sorted(_solved(problems), key=lambda i: problems[i].cost)[: config.shortlist]
+    solve([problems[i] for i in shortlist], SolverConfig((config.slope,), 2, inner=config.inner))
+    shortlist = [i for i in shortlist if problems[i].failure is None]
+    if not shortlist:
         raise InitialisationError(f"none of {len(states)} guesses could be solved: {problems[0].failure}")
     best = []
-    for _, i in sorted(good):
+    for i in sorted(shortlist, key=lambda i: problems[i].cost):
         state = ObjectState.from_values(problems[i].values, graphs[i].objects[0].keys)
         if not any(_same_heading(state, other) for other in best):
             best.append(state)
     return best[: config.keep], problems
+
+
+def _solved(problems: Sequence[Problem]) -> list[int]:
+    return [i for i, problem in enumerate(problems) if problem.failure is None]
 
 
 def single_object_graph(

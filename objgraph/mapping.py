@@ -117,8 +117,12 @@ def map_object(
     with clock.stage("solve"):
         graphs = [single_object_graph(prior, state, views, up_world, config.graph) for state in states]
         problems = [graph.problems()[0] for graph in graphs]
-        solve(problems, config.solver)
+        solve(problems, replace(config.solver, slopes=config.solver.slopes[:1], rounds=1))
         objects, problem = _cheapest(graphs, problems, instance)
+        initial = problem.cost_initial
+        solve([problem], config.solver)
+        if problem.failure is not None:
+            raise SolveError(f"{instance.category} {instance.id}: {problem.failure}")
         objects.values.update(problem.values)
     handle = objects.objects[0]
     with clock.stage("covariance"):
@@ -137,7 +141,7 @@ def map_object(
         code=state.code,
         covariance=covariance.rigid,
         code_sigma=np.sqrt(np.diag(covariance.code)),
-        cost_initial=problem.cost_initial,
+        cost_initial=initial,
         cost_final=problem.cost,
         linearizations=sum(p.linearizations for p in spent),
         error_evaluations=sum(p.error_evaluations for p in spent),

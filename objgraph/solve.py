@@ -32,11 +32,11 @@ class LevenbergMarquardtConfig:
 class SolverConfig:
     """Freeze, solve, refresh."""
 
-    slopes: tuple[float, ...] = (60.0, 120.0, 240.0, 400.0)
+    slopes: tuple[float, ...] = (60.0, 120.0, 400.0)
     """Occupancy slopes (1/metres) of the rounds; the last one is repeated."""
-    rounds: int = 6
+    rounds: int = 5
     """Rounds at most."""
-    relative_tolerance: float = 2e-3
+    relative_tolerance: float = 5e-3
     """Stop at the last slope where a round lowers the refreshed cost by less than this share of it."""
     inner: LevenbergMarquardtConfig = field(default_factory=LevenbergMarquardtConfig)
 
@@ -78,25 +78,24 @@ def solve(
     active = list(problems)
     for round_index in range(config.rounds):
         slope = config.slopes[min(round_index, len(config.slopes) - 1)]
-        final = round_index >= len(config.slopes) - 1
         active = [problem for problem in active if _guarded(problem, lambda p, s=slope: p.refresh(s))]
+        if round_index >= len(config.slopes):
+            active = [p for p in active if _still_falling(p, best, config.relative_tolerance)]
         active = _levenberg_marquardt(active, config.inner, first=round_index == 0)
-        if final:
-            active = [p for p in active if _still_falling(p, best, slope, config.relative_tolerance)]
         if progress is not None:
             progress(round_index + 1, config.rounds)
         if not active:
             break
+    for problem in active:
+        if _guarded(problem, lambda p: p.refresh(config.slopes[-1])):
+            _still_falling(problem, best, config.relative_tolerance)
     for problem in problems:
         if id(problem) in best:
             problem.cost, problem.values = best[id(problem)]
 
 
-def _still_falling(
-    problem: Problem, best: dict[int, tuple[float, gtsam.Values]], slope: float, tolerance: float
-) -> bool:
-    if not _guarded(problem, lambda p: p.refresh(slope)):
-        return False
+def _still_falling(problem: Problem, best: dict[int, tuple[float, gtsam.Values]], tolerance: float) -> bool:
+    """Keep the refreshed problem's values if they are its best so far, and say whether they were much better."""
     cost = problem.graph.error(problem.values)
     before = best.get(id(problem), (np.inf, problem.values))[0]
     if cost < before:

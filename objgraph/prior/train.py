@@ -38,7 +38,7 @@ class TrainConfig:
     """The shapes."""
     samples: SampleConfig = field(default_factory=SampleConfig)
     """Where their distances are sampled."""
-    steps: int = 30_000
+    steps: int = 20_000
     """Optimiser steps; may be raised or lowered between resumed runs."""
     shapes_per_step: int = 128
     """Shapes in a batch."""
@@ -48,7 +48,7 @@ class TrainConfig:
     """Adam's step for the network and for the codes."""
     warmup: int = 200
     """Steps over which the learning rate rises from zero."""
-    cooldown: float = 0.35
+    cooldown: float = 0.45
     """Last share of the steps, over which it falls to zero."""
     code_penalty: float = 1e-4
     """Weight of the codes' mean squared norm."""

@@ -91,7 +91,7 @@ def test_inside_out_mesh_has_the_same_distance(points: NDArray) -> None:
     mesh = trimesh.creation.box((0.5, 0.5, 0.5))
     mesh.invert()
     assert_allclose(
-        SolidDistance(solidify(mesh, "inverted"))(points), box_distance(points, (0.5,) * 3), atol=1e-5
+        SolidDistance(solidify(mesh, "inverted"))(points), box_distance(points, (0.5, 0.5, 0.5)), atol=1e-5
     )
 
 

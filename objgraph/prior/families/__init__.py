@@ -9,34 +9,43 @@ from collections.abc import Callable
 import trimesh
 from numpy.random import PCG64, Generator, SeedSequence
 
-from objgraph.prior.families import chairs, round_tables, swivel, tables
+from objgraph.prior.families import (
+    conference,
+    desks,
+    framed,
+    legged,
+    round_tables,
+    swivel,
+    tables,
+    upholstered,
+)
 
 Family = Callable[[Generator], trimesh.Trimesh]
 
 FAMILIES: dict[str, dict[str, Family]] = {
     "chair": {
-        "dining": chairs.dining_chair,
-        "shell": chairs.shell_chair,
-        "armchair": chairs.armchair,
-        "tub": chairs.tub_chair,
-        "stool": chairs.stool,
-        "bench": chairs.bench,
-        "folding": chairs.folding_chair,
+        "dining": legged.dining_chair,
+        "shell": legged.shell_chair,
+        "armchair": upholstered.armchair,
+        "tub": upholstered.tub_chair,
+        "stool": upholstered.stool,
+        "bench": legged.bench,
+        "folding": legged.folding_chair,
         "swivel": swivel.swivel_chair,
         "executive": swivel.executive_chair,
         "swivel_stool": swivel.swivel_stool,
-        "pedestal": swivel.pedestal_chair,
-        "cantilever": swivel.cantilever_chair,
-        "lounge_frame": swivel.lounge_frame,
+        "pedestal": framed.pedestal_chair,
+        "cantilever": framed.cantilever_chair,
+        "lounge_frame": framed.lounge_frame,
     },
     "table": {
         "four_leg": tables.four_leg_table,
         "coffee": tables.coffee_table,
-        "desk": tables.desk,
+        "desk": desks.desk,
         "console": tables.console_table,
         "trestle": tables.trestle_table,
         "frame": tables.frame_table,
-        "conference": tables.conference_table,
+        "conference": conference.conference_table,
         "pedestal": round_tables.pedestal_table,
         "round_leg": round_tables.round_leg_table,
         "cross_base": round_tables.cross_base_table,

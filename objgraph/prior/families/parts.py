@@ -173,6 +173,12 @@ def smooth_path(knots: Sequence[Vector], radius: float, steps: int = 5) -> Float
     return np.stack(path)
 
 
+def ring_path(radius: float, y: float) -> Float[np.ndarray, "k 3"]:
+    """A horizontal circle, as the path of a footrest's tube."""
+    angles = np.linspace(0, 2 * np.pi, 25)
+    return np.stack([radius * np.cos(angles), np.full(25, y), radius * np.sin(angles)], 1)
+
+
 def canonical(parts: Sequence[trimesh.Trimesh]) -> trimesh.Trimesh:
     """One mesh in the canonical frame: bounding box centred, its diagonal 1."""
     mesh: trimesh.Trimesh = trimesh.util.concatenate(list(parts))  # pyright: ignore[reportAssignmentType]
