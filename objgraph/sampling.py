@@ -39,8 +39,8 @@ class SamplingConfig:
     """Mask pixels with depth below which a view says too little to be used."""
     max_depth: float = 20.0
     """Depths beyond this are no measurements of furniture or cars; a median beyond it is taken for an error."""
-    margin: float = 0.12
-    """The mask's bounding box is widened by this share of its size for the free rays."""
+    margin: float = 0.1
+    """Distance from the mask, as a share of its size, at which free rays are half as dense as at its outline."""
     mask_sigma: float = 1.0
     """Pixels by which a mask's outline errs."""
     flying: float = 0.06
@@ -112,8 +112,10 @@ def observe(frame: Frame, instance: int, config: SamplingConfig | None = None, s
     weight = _even_weights(points)
     chosen = _draw(rng, weight, config.points)
     hits = _draw(rng, weight, config.hits)
-    free_v, free_u = np.nonzero(_free_pixels(depth, mask, float(np.percentile(z, 1)), config))
-    free = _draw(rng, np.ones(len(free_v)), config.free)
+    background = _nearest(depth, ~mask & (depth > 0))
+    weight = _free_weights(mask, config.margin) * (depth > np.percentile(z, 1))
+    free_v, free_u = np.nonzero(weight)
+    free = _draw(rng, weight[free_v, free_u], config.free)
     free_v, free_u = free_v[free], free_u[free]
     directions = np.concatenate(
         [frame.intrinsics.backproject(u[hits], v[hits]), frame.intrinsics.backproject(free_u, free_v)]
@@ -188,26 +190,20 @@ def _without_flying(
     return on_object & (near >= 2)
 
 
-def _free_pixels(
-    depth: Float[np.ndarray, "h w"], mask: Bool[np.ndarray, "h w"], nearest: float, config: SamplingConfig
-) -> Bool[np.ndarray, "h w"]:
-    v, u = np.nonzero(mask)
-    height, width = mask.shape
-    pad_v = int(config.margin * (np.ptp(v) + 1)) + 2
-    pad_u = int(config.margin * (np.ptp(u) + 1)) + 2
-    box = np.zeros_like(mask)
-    box[
-        max(v.min() - pad_v, 0) : min(v.max() + pad_v + 1, height),
-        max(u.min() - pad_u, 0) : min(u.max() + pad_u + 1, width),
-    ] = True
-    return box & ~mask & (depth > nearest)
+def _free_weights(mask: Bool[np.ndarray, "h w"], margin: float) -> Float[np.ndarray, "h w"]:
+    """How densely free rays are drawn: outlines say most, but a shape must not grow unseen far beside the mask."""
+    away = distance_transform_edt(~mask)
+    near = margin * np.sqrt(np.count_nonzero(mask))
+    return np.where(mask, 0.0, 1.0 / (1.0 + np.square(away / near)))  # pyright: ignore[reportOperatorIssue]
 
 
 def _nearest(depth: Float[np.ndarray, "h w"], known: Bool[np.ndarray, "h w"]) -> Float[np.ndarray, "h w"]:
-    """Depth of the nearest pixel that is `known`.
+    """Depth of the nearest pixel that is `known`; infinite where none is.
 
-    About an outline: what would be seen but for the object, or where the object next to a pixel lies.
+    Across an outline this is what would be seen but for the object, or where the object next to a pixel lies.
     """
+    if not known.any():
+        return np.full(depth.shape, np.inf)
     _, (v, u) = distance_transform_edt(~known, return_indices=True)  # pyright: ignore[reportGeneralTypeIssues]
     return depth[v, u]
 

@@ -96,7 +96,10 @@ def solve(
 
 def _still_falling(problem: Problem, best: dict[int, tuple[float, gtsam.Values]], tolerance: float) -> bool:
     """Keep the refreshed problem's values if they are its best so far, and say whether they were much better."""
-    cost = problem.graph.error(problem.values)
+    costs: list[float] = []
+    if not _guarded(problem, lambda p: costs.append(p.graph.error(p.values))):
+        return False
+    (cost,) = costs
     before = best.get(id(problem), (np.inf, problem.values))[0]
     if cost < before:
         best[id(problem)] = (cost, gtsam.Values(problem.values))

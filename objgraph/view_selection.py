@@ -123,6 +123,8 @@ def select_views(
 def _summarize_frame(index: int, frame: Frame, config: ViewConfig) -> list[tuple[int, InstanceView]]:
     """What a frame sees of each instance of which it has pixels with depth."""
     depth, masks = frame.depth, frame.instances
+    if not np.isfinite(frame.T_world_camera).all():
+        return []
     # a comparison with NaN is false, so unmeasured pixels drop out
     v, u = np.nonzero((depth > 0) & (depth < config.max_depth) & (masks > 0))
     p_camera = frame.intrinsics.backproject(u, v) * depth[v, u, None]

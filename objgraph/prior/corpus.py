@@ -2,7 +2,7 @@
 
 import logging
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 from pathlib import Path
 
@@ -94,7 +94,9 @@ def _collected_corpus(
         unseen = entry.group in held
         copies = 0 if unseen else corpus.copies
         try:
-            shapes[unseen] += _collected(folder / entry.file, entry.file, copies, corpus.seed, samples, cache)
+            shapes[unseen] += _collected(
+                folder / entry.file, entry.file, copies, corpus.seed, samples, cache, unseen
+            )
             kept[unseen].append(entry)
         except PriorError as error:
             skipped[entry.file] = str(error)
@@ -104,24 +106,17 @@ def _collected_corpus(
 
 def _procedural_corpus(category: str, corpus: CorpusConfig, samples: SampleConfig, cache: Path) -> Corpus:
     """Procedural meshes, one in `procedural_heldout` of them held out."""
-    shapes = [
-        _procedural(mesh, name, samples, cache)
-        for name, mesh in draw(category, corpus.procedural, corpus.seed)
-    ]
-    last = corpus.procedural_heldout - 1
-    return Corpus(
-        training=tuple(shape for i, shape in enumerate(shapes) if i % corpus.procedural_heldout != last),
-        heldout=tuple(shape for i, shape in enumerate(shapes) if i % corpus.procedural_heldout == last),
-        used=(),
-        unseen=(),
-        skipped={},
-    )
+    shapes: dict[bool, list[SdfSamples]] = {True: [], False: []}
+    for i, (name, mesh) in enumerate(draw(category, corpus.procedural, corpus.seed)):
+        unseen = i % corpus.procedural_heldout == corpus.procedural_heldout - 1
+        shapes[unseen].append(_procedural(mesh, name, samples, cache, unseen))
+    return Corpus(tuple(shapes[False]), tuple(shapes[True]), used=(), unseen=(), skipped={})
 
 
 def _collected(
-    path: Path, name: str, copies: int, seed: int, samples: SampleConfig, cache: Path
+    path: Path, name: str, copies: int, seed: int, samples: SampleConfig, cache: Path, measured: bool
 ) -> list[SdfSamples]:
-    """A collected mesh and its warped copies."""
+    """A collected mesh and its warped copies; `measured` adds points on the surface."""
     try:
         mesh = trimesh.load_mesh(path, process=False)
     except (OSError, ValueError, IndexError, KeyError) as error:
@@ -136,24 +131,28 @@ def _collected(
     shapes = []
     for copy in range(copies + 1):
         key = cache_key([mesh], samples, seed, copy, SOLID_VERSION)
-        shapes.append(_cached(f"{name}#{copy}", key, samples, cache, partial(warped, copy, key)))
+        shapes.append(_cached(f"{name}#{copy}", key, samples, cache, partial(warped, copy, key), measured))
     return shapes
 
 
-def _procedural(mesh: trimesh.Trimesh, name: str, samples: SampleConfig, cache: Path) -> SdfSamples:
+def _procedural(
+    mesh: trimesh.Trimesh, name: str, samples: SampleConfig, cache: Path, measured: bool
+) -> SdfSamples:
     """Samples of a mesh made of closed parts."""
 
     def solid() -> Solid:
         return Solid(name, tuple(mesh.split(only_watertight=False)))
 
-    return _cached(name, cache_key([mesh], samples), samples, cache, solid)
+    return _cached(name, cache_key([mesh], samples), samples, cache, solid, measured)
 
 
-def _cached(name: str, key: str, config: SampleConfig, cache: Path, solid: Callable[[], Solid]) -> SdfSamples:
-    path = cache / f"{key}.safetensors"
+def _cached(
+    name: str, key: str, config: SampleConfig, cache: Path, solid: Callable[[], Solid], measured: bool
+) -> SdfSamples:
+    path = cache / f"{key}{'-measured' if measured else ''}.safetensors"
     samples = load_samples(path, name)
     if samples is None:
-        samples = sample_solid(solid(), config, seed=int(key[:8], 16))
-        samples = SdfSamples(name, samples.points, samples.sdf)
+        samples = sample_solid(solid(), config, seed=int(key[:8], 16), measured=measured)
+        samples = replace(samples, name=name)
         save_samples(samples, path)
     return samples

@@ -12,7 +12,7 @@ from objgraph.prior.corpus import Corpus, build_corpus
 from objgraph.prior.fit import FitError, code_statistics, fit_error
 from objgraph.prior.index import CadMesh
 from objgraph.prior.prior import ShapePrior
-from objgraph.prior.samples import SdfSamples
+from objgraph.prior.samples import SURFACE_POINTS, SdfSamples
 from objgraph.prior.size import size_statistics
 from objgraph.prior.store import save_prior
 from objgraph.prior.train import TrainConfig, Trained, load_trained, train
@@ -92,7 +92,8 @@ def make_prior(config: TrainConfig, corpus: Corpus, trained: Trained) -> ShapePr
             "summary": _summary(errors),
             "errors": [error.as_json() for error in errors],
             "procedural": _summary(procedural_errors),
-            "measured": "best code by Levenberg-Marquardt; chamfer = mean of two directed means, diagonals",
+            "measured": "best code by Levenberg-Marquardt on SDF samples; chamfer: mean of the two directed mean "
+            f"distances of {SURFACE_POINTS} points, in box diagonals (equal surfaces: about 0.003)",
         },
         "size_source": size_source,
     }

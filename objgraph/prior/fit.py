@@ -6,12 +6,12 @@ import numpy as np
 import torch
 from jaxtyping import Float
 from scipy.spatial import cKDTree
-from skimage.measure import marching_cubes
-from torch import Tensor
 from trimesh import Trimesh
 from trimesh.sample import sample_surface
 
 from factors.decoder import Decoder
+from objgraph.errors import SolveError
+from objgraph.mesh import extract_mesh
 from objgraph.prior.samples import SdfSamples
 
 _BAND = 0.01
@@ -23,7 +23,7 @@ class FitError:
 
     name: str
     chamfer: float
-    """Mean of the two directed mean distances between surfaces; NaN where nothing came out."""
+    """Mean of the two directed mean distances between surfaces; NaN where nothing came out or is known."""
     surface_sigma: float
     """Robust standard deviation of the SDF error within 0.01 of the surface."""
     gradient_median: float
@@ -85,34 +85,12 @@ def fit_code(
     return code
 
 
-@torch.no_grad()
-def decode_grid(
-    decoder: Decoder, code: Float[np.ndarray, "l"], resolution: int = 64
-) -> Float[np.ndarray, "r r r"]:
-    """Signed distances on a grid over the box [-0.55, 0.55]^3."""
-    axis = torch.linspace(-0.55, 0.55, resolution)
-    grid = torch.stack(torch.meshgrid(axis, axis, axis, indexing="ij"), -1).reshape(-1, 3)
-    z = torch.from_numpy(code[None].astype(np.float32))
-    values = [decoder(chunk, z) for chunk in grid.split(32_768)]
-    return torch.cat(values).reshape((resolution,) * 3).numpy()
-
-
-def decode_mesh(decoder: Decoder, code: Float[np.ndarray, "l"], resolution: int = 64) -> Trimesh | None:
-    """The zero level of a code's distance field; None where it has no sign change."""
-    grid = decode_grid(decoder, code, resolution)
-    if not grid.min() < 0 < grid.max():
-        return None
-    step = 1.1 / (resolution - 1)
-    vertices, faces, _, _ = marching_cubes(grid, 0.0, spacing=(step, step, step))
-    return Trimesh(vertices - 0.55, faces[:, ::-1], process=False)
-
-
 def fit_error(
     decoder: Decoder,
     samples: SdfSamples,
     mean: Float[np.ndarray, "l"],
     covariance: Float[np.ndarray, "l l"],
-    resolution: int = 64,
+    resolution: int = 128,
 ) -> FitError:
     """Fit a shape and measure what is left."""
     code = fit_code(decoder, samples, mean, covariance)
@@ -120,7 +98,7 @@ def fit_error(
 
 
 def code_error(
-    decoder: Decoder, code: Float[np.ndarray, "l"], samples: SdfSamples, resolution: int = 64
+    decoder: Decoder, code: Float[np.ndarray, "l"], samples: SdfSamples, resolution: int = 128
 ) -> FitError:
     """The errors of a shape under a given code."""
     z = torch.from_numpy(code[None].astype(np.float32))
@@ -128,24 +106,24 @@ def code_error(
     near = np.abs(samples.sdf) < _BAND
     error = (jet.value.numpy() - samples.sdf)[near]
     sigma = 1.4826 * np.median(np.abs(error - np.median(error))) + abs(np.median(error))
-    mesh = decode_mesh(decoder, code, resolution)
-    chamfer = np.nan if mesh is None else _chamfer(mesh, samples)
+    try:
+        mesh = extract_mesh(decoder, code, resolution, remove_floaters=False)
+        chamfer = _chamfer(mesh, samples)
+    except SolveError:
+        chamfer = float("nan")
     norms = jet.d_point.norm(dim=1).numpy()
-    return FitError(samples.name, float(chamfer), float(sigma), float(np.median(norms[-len(norms) // 4 :])))
-
-
-def surface_of(samples: SdfSamples, band: float = 0.002) -> Float[np.ndarray, "n 3"]:
-    """Samples within `band` of the surface: a stand-in for points on it."""
-    near = samples.points[np.abs(samples.sdf) < band]
-    return near if len(near) else samples.points[np.argsort(np.abs(samples.sdf))[:500]]
+    return FitError(samples.name, chamfer, float(sigma), float(np.median(norms[-len(norms) // 4 :])))
 
 
 def _chamfer(mesh: Trimesh, samples: SdfSamples) -> float:
-    truth = surface_of(samples)
-    decoded = sample_surface(mesh, 5000, seed=0)[0]
+    """Mean of the two directed mean distances between points drawn on either surface."""
+    truth = samples.surface
+    if truth is None:
+        return float("nan")
+    decoded = sample_surface(mesh, len(truth), seed=0)[0]
     there = cKDTree(truth).query(decoded)[0].mean()
     back = cKDTree(decoded).query(truth)[0].mean()
-    return (there + back) / 2
+    return float(there + back) / 2
 
 
 def code_statistics(
@@ -156,8 +134,3 @@ def code_statistics(
     covariance = np.cov(codes, rowvar=False)
     ridge = 1e-3 * np.trace(covariance) / codes.shape[1]
     return codes.mean(0), covariance + ridge * np.eye(codes.shape[1])
-
-
-def as_tensor(array: np.ndarray) -> Tensor:
-    """A float32 tensor of an array."""
-    return torch.from_numpy(np.ascontiguousarray(array, np.float32))

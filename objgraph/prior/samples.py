@@ -18,6 +18,9 @@ from objgraph.prior.solid import SHEET_HALF_THICKNESS, Solid, SolidDistance
 
 log = logging.getLogger(__name__)
 
+SURFACE_POINTS = 20_000
+"""Points on the surface of a shape that a decoder is measured against."""
+
 
 @dataclass(frozen=True)
 class SampleConfig:
@@ -44,10 +47,12 @@ class SdfSamples:
     name: str
     points: Float[np.ndarray, "n 3"]
     sdf: Float[np.ndarray, "n"]
+    surface: Float[np.ndarray, "m 3"] | None = None
+    """Points uniform by area on the outer surface, where the shape is measured against."""
 
 
-def sample_solid(solid: Solid, config: SampleConfig, seed: int) -> SdfSamples:
-    """Draw the samples of a solid.
+def sample_solid(solid: Solid, config: SampleConfig, seed: int, measured: bool = False) -> SdfSamples:
+    """Draw the samples of a solid; `measured` adds points uniform on its surface.
 
     Raises:
         PriorError: a distance is not finite, or nothing at all is inside; the message names the solid.
@@ -64,15 +69,16 @@ def sample_solid(solid: Solid, config: SampleConfig, seed: int) -> SdfSamples:
         raise PriorError(f"mesh {solid.name}: {np.sum(~np.isfinite(sdf))} signed distances are not finite")
     if not (sdf < 0).any():
         raise PriorError(f"mesh {solid.name}: no sample is inside, its surface is not closed")
-    return SdfSamples(solid.name, points, sdf)
+    on_it = surface_points(solid, distance, SURFACE_POINTS, rng, area_power=1.0) if measured else None
+    return SdfSamples(solid.name, points, sdf, None if on_it is None else on_it.astype(np.float32))
 
 
 def surface_points(
-    solid: Solid, distance: SolidDistance, count: int, rng: np.random.Generator
+    solid: Solid, distance: SolidDistance, count: int, rng: np.random.Generator, area_power: float = 0.75
 ) -> Float[np.ndarray, "n 3"]:
-    """Points on the solid's outer surface; small parts get more than their share of area."""
+    """Points on the solid's outer surface; below an `area_power` of 1 small parts get more than their share."""
     meshes = solid.surfaces
-    weights = np.array([mesh.area for mesh in meshes]) ** 0.75
+    weights = np.array([mesh.area for mesh in meshes]) ** area_power
     shares = rng.multinomial(2 * count, weights / weights.sum())
     drawn = [
         trimesh.sample.sample_surface(mesh, int(n), seed=rng)[0]
@@ -99,7 +105,10 @@ def save_samples(samples: SdfSamples, path: Path) -> None:
     """Write atomically."""
     path.parent.mkdir(parents=True, exist_ok=True)
     temporary = path.with_suffix(f".{os.getpid()}.tmp")
-    save_file({"points": samples.points, "sdf": samples.sdf}, temporary)
+    tensors = {"points": samples.points, "sdf": samples.sdf}
+    if samples.surface is not None:
+        tensors["surface"] = samples.surface
+    save_file(tensors, temporary)
     os.replace(temporary, path)
 
 
@@ -109,7 +118,7 @@ def load_samples(path: Path, name: str) -> SdfSamples | None:
         return None
     try:
         tensors = load_file(path)
-        return SdfSamples(name, tensors["points"], tensors["sdf"])
+        return SdfSamples(name, tensors["points"], tensors["sdf"], tensors.get("surface"))
     except (SafetensorError, KeyError):
         log.warning("%s is damaged: its samples are drawn again", path)
         return None

@@ -38,7 +38,7 @@ class TrainConfig:
     """The shapes."""
     samples: SampleConfig = field(default_factory=SampleConfig)
     """Where their distances are sampled."""
-    steps: int = 20_000
+    steps: int = 23_000
     """Optimiser steps; may be raised or lowered between resumed runs."""
     shapes_per_step: int = 128
     """Shapes in a batch."""

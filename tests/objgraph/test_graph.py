@@ -11,7 +11,7 @@ from factors.base import Annealing
 from factors.errors import FactorError
 from factors.state import ObjectKeys, ObjectState
 from objgraph.errors import SolveError
-from objgraph.graph import GraphConfig, ObjectGraph
+from objgraph.graph import GraphConfig, ObjectGraph, ObjectHandle
 from objgraph.sampling import SamplingConfig, observe
 from objgraph.solve import LevenbergMarquardtConfig, SolverConfig
 from tests.toys import toy_frame, toy_prior, toy_state
@@ -71,7 +71,7 @@ def test_the_lean_is_free_without_an_up_direction():
     assert objects.graph.size() == 2
 
 
-def camera_graph(state: ObjectState, T_world_camera: gtsam.Pose3, view) -> tuple[ObjectGraph, object]:
+def camera_graph(state: ObjectState, T_world_camera: gtsam.Pose3, view) -> tuple[ObjectGraph, ObjectHandle]:
     """An object whose pose is known well, seen from a camera that is not."""
     objects = empty()
     objects.values.insert(X(5), T_world_camera)

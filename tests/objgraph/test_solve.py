@@ -228,17 +228,22 @@ def test_minimize_raises_and_names_the_problem(bad):
         minimize(problem)
 
 
-def test_after_a_late_failure_the_last_good_values_stand():
+@pytest.mark.parametrize("rounds", [1, 2, 3])
+def test_after_a_late_failure_the_last_good_values_stand(rounds):
+    """A decoder that breaks on the way stops its own object, whichever round it is in."""
     decoder = FragileDecoder().double()
-    problem = chair_problem(decoder=decoder)
+    problem, beside, alone = chair_problem(decoder=decoder), chair_problem(2.0), chair_problem(2.0)
     problem.refresh(200.0)
     start = problem.graph.error(problem.values)
 
     def breaks(done, _):
-        decoder.broken = done >= 2
+        decoder.broken = done >= rounds
 
-    solve([problem], SHORT, breaks)
+    solve([problem, beside], SHORT, breaks)
+    solve([alone], SHORT)
     assert problem.failure
+    assert beside.failure is None
+    assert beside.cost == pytest.approx(alone.cost, rel=1e-9)
     decoder.broken = False
     problem.refresh(200.0)
     assert problem.graph.error(problem.values) < 0.7 * start
@@ -253,28 +258,32 @@ def test_an_undetermined_problem_is_solved_as_far_as_it_goes():
 
 
 class Recorded(Problem):
-    """A problem that remembers at which slopes it was refreshed."""
+    """A problem that remembers its slope and its cost after every refresh."""
 
     def refresh(self, slope):
-        self.__dict__.setdefault("slopes", []).append(slope)
         super().refresh(slope)
+        self.refreshed.append((slope, self.graph.error(self.values)))
+
+    @classmethod
+    def of(cls, problem: Problem) -> "Recorded":
+        recorded = cls(problem.name, problem.graph, problem.values, problem.factors)
+        recorded.refreshed = []
+        return recorded
 
 
 def test_rounds_follow_the_slopes_and_keep_the_lowest_refreshed_cost():
-    plain = chair_problem()
-    problem = Recorded("chair", plain.graph, plain.values, plain.factors)
-    plain.refresh(200.0)
-    start = plain.graph.error(plain.values)
-    told = []
+    problem, told = Recorded.of(chair_problem()), []
+    problem.refresh(200.0)
+    (_, start), problem.refreshed = problem.refreshed[0], []
     config = SolverConfig(slopes=(60.0, 120.0, 200.0), rounds=6, inner=LevenbergMarquardtConfig(iterations=2))
     solve([problem], config, lambda done, total: told.append((done, total)))
-    slopes = problem.__dict__["slopes"]
+    slopes = [slope for slope, _ in problem.refreshed]
     assert slopes[:3] == [60.0, 120.0, 200.0]
     assert set(slopes[3:]) == {200.0}
     assert told == [(i + 1, 6) for i in range(len(told))]
     assert 3 <= len(told) <= 6
     problem.refresh(200.0)
-    assert problem.cost == pytest.approx(problem.graph.error(problem.values), rel=1e-6)
+    assert problem.refreshed[-1][1] == pytest.approx(problem.cost, rel=1e-6)
     assert problem.cost < 0.5 * start
 
 
@@ -286,13 +295,11 @@ def test_rounds_stop_where_nothing_is_gained():
 
 def test_a_worse_last_round_is_not_kept():
     """A refresh may raise the cost; what is returned is the best of the last slope, not the last."""
-    problem = chair_problem()
-    seen = []
-    config = SolverConfig(slopes=(200.0,), rounds=8, relative_tolerance=-np.inf)
-
-    def note(_, __):
-        seen.append(problem.graph.error(problem.values))
-
-    solve([problem], config, note)
-    assert len(seen) == 8
-    assert problem.cost == pytest.approx(min(seen), rel=1e-9)
+    problem = Recorded.of(chair_problem())
+    solve([problem], SolverConfig(slopes=(200.0,), rounds=8, relative_tolerance=-np.inf))
+    costs = [cost for _, cost in problem.refreshed]
+    assert len(costs) >= 8
+    assert min(costs) < costs[-1]  # or this start would show nothing
+    assert problem.cost == pytest.approx(min(costs), rel=1e-9)
+    problem.refresh(200.0)
+    assert problem.refreshed[-1][1] == pytest.approx(min(costs), rel=1e-9)
