@@ -26,6 +26,7 @@ from factors.weighting import Weighting
 from objgraph.covariance import marginals, surface_sigma
 from objgraph.datasets.registry import load_scan
 from objgraph.graph import GraphConfig
+from objgraph.ground import rays_from_below
 from objgraph.initialise import InitialisationConfig, guesses, rank
 from objgraph.map import MappedObject, ObjectMap
 from objgraph.mapping import evaluated, scene_floor, scene_points
@@ -75,7 +76,9 @@ def main(arguments: Arguments) -> None:
 
         # First guess: the prior's mean shape, tried at eight headings on a few points and rays.
         states = guesses(prior, views, scan.up_world, floor, InitialisationConfig())
-        (state, *_), _ = rank(prior, views, states, scan.up_world, InitialisationConfig(), GraphConfig())
+        (state, *_), _ = rank(
+            prior, views, states, scan.up_world, floor, InitialisationConfig(), GraphConfig()
+        )
 
         # Variables o{i} (Pose3), s{i} (log-scale), z{i} (shape code), and what is known of them beforehand.
         keys = ObjectKeys.numbered(instance.id)
@@ -89,17 +92,22 @@ def main(arguments: Arguments) -> None:
         # Two factors a view: its points lie on the surface, its rays end there or pass by.
         factors = []
         for view in views:
-            share = Weighting("information", min(1.0, view.patches / len(view.points_camera)))
             factors += [
                 SurfaceFactor(
                     keys, prior.decoder, view.T_world_camera, view.points_camera, view.points_sigma,
-                    prior_sigma=prior.residual_sigma, weighting=share,
+                    prior_sigma=prior.residual_sigma, weighting=Weighting("information", view.points_share),
                 ),
                 DepthFactor(
                     keys, prior.decoder, view.T_world_camera, view.rays,
-                    renderer=FullDistribution(), prior_sigma=prior.residual_sigma, weighting=share,
+                    renderer=FullDistribution(), prior_sigma=prior.residual_sigma, weighting=Weighting("information", view.rays_share),
                 ),
             ]  # fmt: skip
+        if floor is not None:  # nothing of an object lies below the floor: rays from underneath end at it
+            points = np.concatenate([view.points_world for view in views])
+            T_world_below, rays = rays_from_below(points, scan.up_world, floor, patch=0.2)
+            factors.append(
+                DepthFactor(keys, prior.decoder, T_world_below, rays, prior_sigma=prior.residual_sigma)
+            )
         for factor in factors:
             graph.push_back(factor.gtsam_factor())
         observed[instance.id] = (instance, prior, keys, views, factors)

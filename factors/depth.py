@@ -99,7 +99,7 @@ class DepthFactor(ObservationFactor):
         spread = self._renderer.freeze(sdf, sdf_sigma.clamp_min(1e-6), cells, targets, annealing.slope)
         self._frozen = _Frozen(
             meets, cells, targets, p_camera, metres, sdf_sigma.clamp_min(1e-6), spread,
-            self._weighting.per_row(spread), annealing.slope,
+            self._weighting.take(meets).per_row(spread), annealing.slope,
         )  # fmt: skip
 
     def points_camera(self) -> np.ndarray:

@@ -1,8 +1,9 @@
 """How much a row of a score counts: as statistical information, or as the paper's fixed weight."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
+import numpy as np
 import torch
 from jaxtyping import Float
 from torch import Tensor
@@ -11,22 +12,29 @@ from factors.errors import FactorError
 from factors.score import unit_information_weight
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Weighting:
     """Weights of a factor's scores, which are lengths in metres."""
 
     kind: Literal["information", "mean"] = "information"
     """"information": a score's curvature at its minimum becomes `amount / sigma^2`, so that marginals are
     covariances. "mean": the loss is `amount` times the mean score (paper eq:final_loss)."""
-    amount: float = 1.0
-    """"information": the share of the rows that counts as independent, in (0, 1]. "mean": lambda."""
+    amount: float | Float[np.ndarray, "n"] = 1.0
+    """"information": the share of a row that counts as independent, in [0, 1], for all or for each. "mean": lambda."""
 
     def __post_init__(self) -> None:
-        if not self.amount >= 0 or (self.kind == "information" and self.amount > 1):
+        amount = np.asarray(self.amount)
+        if not (amount >= 0).all() or (self.kind == "information" and not (amount <= 1).all()):
             raise FactorError(f"a weighting of kind {self.kind} cannot have the amount {self.amount}")
+        if self.kind == "mean" and amount.ndim:
+            raise FactorError("a weighting of kind mean has one amount for all rows")
+
+    def take(self, indices: np.ndarray) -> "Weighting":
+        """The weighting of some of the rows."""
+        return self if np.ndim(self.amount) == 0 else replace(self, amount=np.asarray(self.amount)[indices])
 
     def per_row(self, sigma: Float[Tensor, "n"]) -> Float[Tensor, "n"]:
         """The factor on each row's score."""
         if self.kind == "information":
-            return self.amount * unit_information_weight(sigma)
-        return torch.full_like(sigma, self.amount / max(len(sigma), 1))
+            return torch.as_tensor(self.amount, dtype=sigma.dtype) * unit_information_weight(sigma)
+        return torch.full_like(sigma, float(self.amount) / max(len(sigma), 1))

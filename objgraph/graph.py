@@ -10,6 +10,7 @@ from jaxtyping import Float
 from factors.base import Annealing, ObservationFactor
 from factors.depth import DepthFactor, RaySampling
 from factors.priors import code_prior, scale_prior, upright_prior
+from factors.rays import Rays
 from factors.rendering import FullDistribution, Probabilistic, Renderer
 from factors.state import ObjectKeys, ObjectState
 from factors.surface import SurfaceFactor
@@ -95,21 +96,18 @@ class ObjectGraph:
         `camera` is T_world_camera, or the key of a `Pose3` that holds it; by default the view's own pose.
         """
         camera = view.T_world_camera if camera is None else camera
-        prior, config = handle.prior, self.config
-        decoder, sigma = prior.decoder, prior.residual_sigma
+        prior = handle.prior
         surface = SurfaceFactor(
-            handle.keys, decoder, camera, view.points_camera, view.points_sigma,
-            prior_sigma=sigma, weighting=self._weighting(view.patches, len(view.points_camera)),
+            handle.keys, prior.decoder, camera, view.points_camera, view.points_sigma,
+            prior_sigma=prior.residual_sigma, weighting=self._weighting(view.points_share),
         )  # fmt: skip
-        depth = DepthFactor(
-            handle.keys, decoder, camera, view.rays,
-            renderer=self._renderer(), prior_sigma=sigma, sampling=config.sampling,
-            weighting=self._weighting(view.patches, int(view.rays.hit.sum())),
-        )  # fmt: skip
-        for factor in (surface, depth):
-            self.graph.push_back(factor.gtsam_factor())
-            handle.factors.append(factor)
+        self._add(handle, surface)
+        self._add(handle, self._depth_factor(handle, camera, view.rays, view.rays_share))
         handle.views.append(view.frame)
+
+    def add_free_rays(self, handle: ObjectHandle, camera: gtsam.Pose3 | int, rays: Rays) -> None:
+        """Add a 2D factor alone, of rays each of which is one independent measurement."""
+        self._add(handle, self._depth_factor(handle, camera, rays, np.ones(len(rays.depth))))
 
     def refresh(self, annealing: Annealing = Annealing()) -> None:  # noqa: B008
         """Freeze noise and ray samples at the current values; the caller's optimiser may then run."""
@@ -172,8 +170,21 @@ class ObjectGraph:
                 return marginals(problem.graph, problem.values, handle.keys)
         raise SolveError(f"{handle.name} is not in the graph")
 
-    def _weighting(self, patches: int, rows: int) -> Weighting:
-        return Weighting("information", min(1.0, self.config.evidence * patches / max(rows, 1)))
+    def _depth_factor(
+        self, handle: ObjectHandle, camera: gtsam.Pose3 | int, rays: Rays, share: Float[np.ndarray, "r"]
+    ) -> DepthFactor:
+        return DepthFactor(
+            handle.keys, handle.prior.decoder, camera, rays,
+            renderer=self._renderer(), prior_sigma=handle.prior.residual_sigma,
+            sampling=self.config.sampling, weighting=self._weighting(share),
+        )  # fmt: skip
+
+    def _add(self, handle: ObjectHandle, factor: ObservationFactor) -> None:
+        self.graph.push_back(factor.gtsam_factor())
+        handle.factors.append(factor)
+
+    def _weighting(self, share: Float[np.ndarray, "n"]) -> Weighting:
+        return Weighting("information", np.minimum(1.0, self.config.evidence * share))
 
     def _renderer(self) -> Renderer:
         return FullDistribution() if self.config.renderer == "full" else Probabilistic()

@@ -7,16 +7,17 @@ itself on few points and rays: every guess is a small problem, all are solved to
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
-import cv2
 import gtsam
 import numpy as np
+import torch
 from jaxtyping import Float
 
 from factors.depth import RaySampling
 from factors.state import ObjectState
 from objgraph.errors import InitialisationError
 from objgraph.graph import GraphConfig, ObjectGraph
-from objgraph.mesh import extract_mesh
+from objgraph.ground import rays_from_below
+from objgraph.initial_box import gravity_box, smallest_heading
 from objgraph.prior.prior import ShapePrior
 from objgraph.sampling import ObjectView
 from objgraph.solve import LevenbergMarquardtConfig, Problem, SolverConfig, solve
@@ -27,7 +28,9 @@ class InitialisationConfig:
     """Guesses, and how cheaply they are told apart."""
 
     headings: int = 8
-    """Guesses, evenly spaced about gravity from the direction of the smallest box."""
+    """Evenly spaced about gravity, from the direction of the smallest box."""
+    guesses: int = 10
+    """Of all headings and starting shapes, how many are solved on few points."""
     points: int = 150
     """Surface points of all views together for the first ranking."""
     rays: int = 150
@@ -47,44 +50,6 @@ class InitialisationConfig:
     """An object whose lowest seen point is less than this above the floor stands on it, metres."""
 
 
-@dataclass(frozen=True)
-class GravityBox:
-    """A box about an object's points, two faces level."""
-
-    centre_world: Float[np.ndarray, "3"]
-    size: Float[np.ndarray, "3"]
-    """Along the object's x, y (up) and z axes."""
-    R_world_object: Float[np.ndarray, "3 3"]
-
-
-def gravity_box(
-    points_world: Float[np.ndarray, "n 3"],
-    up_world: Float[np.ndarray, "3"],
-    heading: float,
-    floor: float | None = None,
-    floor_reach: float = 0.8,
-) -> GravityBox:
-    """The box at `heading` radians that holds the points between their 1st and 99th percentile on every axis.
-
-    Heading 0 turns the object's x axis along an arbitrary but fixed level direction. Where the floor's height is
-    known and near, the box stands on it.
-    """
-    R = _upright(up_world, heading)
-    low, high = np.percentile(points_world @ R, [1, 99], axis=0)
-    if floor is not None and low[1] - floor < floor_reach:
-        low[1] = floor
-    return GravityBox(R @ (0.5 * (low + high)), np.maximum(high - low, 0.05), R)
-
-
-def smallest_heading(points_world: Float[np.ndarray, "n 3"], up_world: Float[np.ndarray, "3"]) -> float:
-    """Heading at which the gravity box has the smallest footprint."""
-    level = points_world @ _upright(up_world, 0.0)[:, [0, 2]]
-    low, high = np.percentile(level, [1, 99], axis=0)
-    inside = level[((level >= low) & (level <= high)).all(axis=1)]
-    # minAreaRect turns from x towards z; a positive heading turns x towards -z
-    return -np.radians(cv2.minAreaRect(inside.astype(np.float32))[2])
-
-
 def guesses(
     prior: ShapePrior,
     views: Sequence[ObjectView],
@@ -92,7 +57,7 @@ def guesses(
     floor: float | None,
     config: InitialisationConfig,
 ) -> list[ObjectState]:
-    """One state a heading: the mean shape, as high as the box and in its middle.
+    """The most promising of all headings and starting shapes, each as high as the points' box and in its middle.
 
     Raises:
         InitialisationError: there are too few points to put a box about.
@@ -100,22 +65,69 @@ def guesses(
     points = np.concatenate([view.points_world for view in views]) if views else np.zeros((0, 3))
     if len(points) < 10:
         raise InitialisationError(f"{len(points)} points are too few to place an object; add views of it")
-    extents = mean_extents(prior)
     start = smallest_heading(points, up_world)
     states = []
     for heading in start + np.arange(config.headings) * 2 * np.pi / config.headings:
         box = gravity_box(points, up_world, heading, floor, config.floor_reach)
-        ratio = np.log(box.size / extents)
-        size = np.clip(_size(ratio, floor is not None), *_log_range(prior))
-        log_scale = size + np.clip(ratio - size, -0.3, 0.3) * 0.5
         T_world_object = gtsam.Pose3(gtsam.Rot3(box.R_world_object), box.centre_world)
-        states.append(ObjectState(T_world_object, log_scale, np.array(prior.code_mean, dtype=float)))
-    return states
+        for code, extents in zip(prior.starts, prior.start_extents, strict=True):
+            if np.isfinite(extents).all():
+                log_scale = _log_scale(np.log(box.size / extents), floor is not None, prior)
+                states.append(ObjectState(T_world_object, log_scale, np.array(code, dtype=float)))
+    if not states:
+        raise InitialisationError(
+            f"no starting shape of the {prior.category} prior has a surface; retrain it"
+        )
+    misfit = _misfit(prior, states, points, _free_points(views))
+    return [states[i] for i in np.argsort(misfit, kind="stable")[: config.guesses]]
 
 
-def mean_extents(prior: ShapePrior) -> Float[np.ndarray, "3"]:
-    """Canonical extents of the prior's mean shape."""
-    return extract_mesh(prior.decoder, prior.code_mean, resolution=32).extents
+def _log_scale(log_ratio: Float[np.ndarray, "3"], stands: bool, prior: ShapePrior) -> Float[np.ndarray, "3"]:
+    """Log-scale from the box over the shape: its height where the floor is known, its sides half as far."""
+    # on a known floor the height is seen whole, the other sides may be cut off
+    size = float(log_ratio[1] if stands else log_ratio.mean())
+    reach = 2.5 * prior.size_log_sigma
+    size = np.clip(size, np.log(prior.size_mean) - reach, np.log(prior.size_mean) + reach)
+    return size + 0.5 * np.clip(log_ratio - size, -0.3, 0.3)
+
+
+def _free_points(views: Sequence[ObjectView]) -> Float[np.ndarray, "m 3"]:
+    """World points that are seen to be empty: on the free rays, as deep as the object next to them."""
+    points = []
+    for view in views:
+        rays = view.rays
+        free = ~rays.hit & (rays.end > rays.depth)
+        p_camera = rays.directions_camera[free] * rays.depth[free, None]
+        points.append(
+            p_camera @ view.T_world_camera.rotation().matrix().T + view.T_world_camera.translation()
+        )
+    return np.concatenate(points)
+
+
+def _misfit(
+    prior: ShapePrior,
+    states: Sequence[ObjectState],
+    p_surface: Float[np.ndarray, "n 3"],
+    p_free: Float[np.ndarray, "m 3"],
+    count: int = 120,
+    limit: float = 0.15,
+) -> Float[np.ndarray, "s"]:
+    """Mean distance of surface points from each state's surface and of free points into it, metres, cut off."""
+    rng = np.random.default_rng(0)
+    surface = p_surface[rng.permutation(len(p_surface))[:count]]
+    free = p_free[rng.permutation(len(p_free))[:count]]
+    points = [np.concatenate([state.to_object(surface), state.to_object(free)]) for state in states]
+    like = prior.decoder.output.weight
+    codes = torch.as_tensor(np.stack([state.code for state in states])).to(like)
+    owner = torch.arange(len(states)).repeat_interleave(len(points[0])).to(like.device)
+    with torch.no_grad():
+        sdf = prior.decoder(torch.as_tensor(np.concatenate(points)).to(like), codes, owner)
+    metres = np.exp([state.log_scale.mean() for state in states])[:, None]
+    distance = sdf.cpu().double().numpy().reshape(len(states), -1) * metres
+    on, off = np.split(distance, [len(surface)], axis=1)
+    missed = np.minimum(np.abs(on), limit).mean(axis=1)
+    inside = np.clip(-off, 0.0, limit).mean(axis=1) if off.size else 0.0
+    return missed + inside
 
 
 def rank(
@@ -123,10 +135,13 @@ def rank(
     views: Sequence[ObjectView],
     states: Sequence[ObjectState],
     up_world: Float[np.ndarray, "3"],
+    floor: float | None,
     config: InitialisationConfig,
     graph_config: GraphConfig,
 ) -> tuple[list[ObjectState], list[Problem]]:
     """The best of `states` after a cheap solution of each, cheapest first, and the problems that were solved.
+
+    Of several that came to the same heading only the cheapest is kept.
 
     Raises:
         InitialisationError: every guess failed; the message says why the first did.
@@ -136,7 +151,7 @@ def rank(
         view.thinned(config.points // share, config.rays // share, seed=i) for i, view in enumerate(views)
     ]
     settings = replace(graph_config, sampling=config.sampling)
-    graphs = [single_object_graph(prior, state, thin, up_world, settings) for state in states]
+    graphs = [single_object_graph(prior, state, thin, up_world, floor, settings) for state in states]
     problems = [graph.problems()[0] for graph in graphs]
     solve(problems, SolverConfig((config.slope,), 1, inner=config.inner))
     shortlist = sorted(_solved(problems), key=lambda i: problems[i].cost)[: config.shortlist]
@@ -160,36 +175,19 @@ def single_object_graph(
     prior: ShapePrior,
     state: ObjectState,
     views: Sequence[ObjectView],
-    up_world: Float[np.ndarray, "3"] | None,
+    up_world: Float[np.ndarray, "3"],
+    floor: float | None,
     config: GraphConfig,
 ) -> ObjectGraph:
-    """A graph of one object and its views at fixed cameras."""
+    """A graph of one object, its views at fixed cameras, and the floor where its height is known."""
     objects = ObjectGraph(gtsam.NonlinearFactorGraph(), gtsam.Values(), config)
     handle = objects.add_object(prior, state, up_world=up_world)
     for view in views:
         objects.observe(handle, view)
+    if floor is not None:
+        points = np.concatenate([view.points_world for view in views])
+        objects.add_free_rays(handle, *rays_from_below(points, up_world, floor, views[0].patch))
     return objects
-
-
-def _upright(up_world: Float[np.ndarray, "3"], heading: float) -> Float[np.ndarray, "3 3"]:
-    """Object axes in the world: y up, x at `heading` about it."""
-    up = np.asarray(up_world, float) / np.linalg.norm(up_world)
-    helper = np.eye(3)[np.argmin(np.abs(up))]
-    x0 = np.cross(up, helper)
-    x0 /= np.linalg.norm(x0)
-    z0 = np.cross(x0, up)
-    x = np.cos(heading) * x0 - np.sin(heading) * z0
-    return np.stack([x, up, np.cross(x, up)], axis=1)
-
-
-def _size(log_ratio: Float[np.ndarray, "3"], stands: bool) -> float:
-    """Common log-scale: the height where the floor is known (it is then seen whole), else all extents."""
-    return float(log_ratio[1] if stands else log_ratio.mean())
-
-
-def _log_range(prior: ShapePrior) -> tuple[float, float]:
-    reach = 2.5 * prior.size_log_sigma
-    return np.log(prior.size_mean) - reach, np.log(prior.size_mean) + reach
 
 
 def _same_heading(a: ObjectState, b: ObjectState, angle: float = 0.25) -> bool:

@@ -113,9 +113,9 @@ def map_object(
     clock = clock or _Clock()
     with clock.stage("initialise"):
         states = guesses(prior, views, up_world, floor, config.initialisation)
-        states, tried = rank(prior, views, states, up_world, config.initialisation, config.graph)
+        states, tried = rank(prior, views, states, up_world, floor, config.initialisation, config.graph)
     with clock.stage("solve"):
-        graphs = [single_object_graph(prior, state, views, up_world, config.graph) for state in states]
+        graphs = [single_object_graph(prior, state, views, up_world, floor, config.graph) for state in states]
         problems = [graph.problems()[0] for graph in graphs]
         solve(problems, replace(config.solver, slopes=config.solver.slopes[:1], rounds=1))
         objects, problem = _cheapest(graphs, problems, instance)

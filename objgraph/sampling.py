@@ -61,14 +61,29 @@ class ObjectView:
     points_sigma: Float[np.ndarray, "n"]
     """The sensor's standard deviation at each."""
     rays: Rays
-    patches: int
-    """Number of independent patches of surface seen: the effective number of measurements."""
+    patch: float
+    """Edge of a patch of surface, metres: what lies within one errs together."""
 
     @property
     def points_world(self) -> Float[np.ndarray, "n 3"]:
         return (
             self.points_camera @ self.T_world_camera.rotation().matrix().T + self.T_world_camera.translation()
         )
+
+    @property
+    def points_share(self) -> Float[np.ndarray, "n"]:
+        """The part of an independent measurement that each surface point is."""
+        return patch_shares(self.points_camera, self.patch, most=0.5)
+
+    @property
+    def rays_share(self) -> Float[np.ndarray, "r"]:
+        """The part of an independent measurement that each ray is; hits and free rays apart."""
+        rays = self.rays
+        at = rays.directions_camera * rays.depth[:, None]
+        share = np.empty(len(at))
+        share[rays.hit] = patch_shares(at[rays.hit], self.patch, most=0.5)
+        share[~rays.hit] = patch_shares(at[~rays.hit], self.patch, most=1.0)
+        return share
 
     def thinned(self, points: int, rays: int, seed: int = 0) -> "ObjectView":
         """A random part of this view, for cheap early decisions."""
@@ -77,7 +92,7 @@ class ObjectView:
         few = rng.permutation(len(self.rays.depth))[:rays]
         return ObjectView(
             self.frame, self.T_world_camera, self.points_camera[some], self.points_sigma[some],
-            self.rays.take(few), self.patches,
+            self.rays.take(few), self.patch,
         )  # fmt: skip
 
 
@@ -112,7 +127,6 @@ def observe(frame: Frame, instance: int, config: SamplingConfig | None = None, s
     weight = _even_weights(points)
     chosen = _draw(rng, weight, config.points)
     hits = _draw(rng, weight, config.hits)
-    background = _nearest(depth, ~mask & (depth > 0))
     weight = _free_weights(mask, config.margin) * (depth > np.percentile(z, 1))
     free_v, free_u = np.nonzero(weight)
     free = _draw(rng, weight[free_v, free_u], config.free)
@@ -133,14 +147,19 @@ def observe(frame: Frame, instance: int, config: SamplingConfig | None = None, s
         points[chosen],
         config.noise(points[chosen, 2]),
         rays,
-        count_patches(points, config.patch),
+        config.patch,
     )
 
 
-def count_patches(points: Float[np.ndarray, "n 3"], edge: float) -> int:
-    """Number of cubes of that edge, metres, that hold a fair share of the points."""
-    _, counts = np.unique(np.floor(points / edge).astype(int), axis=0, return_counts=True)
-    return max(1, int(np.count_nonzero(counts > 0.1 * counts.mean())))
+def patch_shares(points: Float[np.ndarray, "n 3"], edge: float, most: float) -> Float[np.ndarray, "n"]:
+    """The part of an independent measurement that each point is, if all within a cube of that edge are one.
+
+    No point is more than `most`: a stray one must not speak for a whole patch.
+    """
+    _, inverse, counts = np.unique(
+        np.floor(points / edge).astype(int), axis=0, return_inverse=True, return_counts=True
+    )
+    return np.minimum(1.0 / counts[inverse.ravel()], most)
 
 
 def _rigid(frame: Frame, where: str) -> gtsam.Pose3:

@@ -9,7 +9,7 @@ import numpy as np
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from objgraph.prior.corpus import Corpus, build_corpus
-from objgraph.prior.fit import FitError, code_statistics, fit_error
+from objgraph.prior.fit import FitError, code_statistics, fit_error, typical_codes
 from objgraph.prior.index import CadMesh
 from objgraph.prior.prior import ShapePrior
 from objgraph.prior.samples import SURFACE_POINTS, SdfSamples
@@ -106,6 +106,7 @@ def make_prior(config: TrainConfig, corpus: Corpus, trained: Trained) -> ShapePr
         size_mean=size_mean,
         size_log_sigma=size_log_sigma,
         card=card,
+        prototypes=typical_codes(trained.codes),
     )
 
 

@@ -5,6 +5,7 @@ from dataclasses import asdict, dataclass
 import numpy as np
 import torch
 from jaxtyping import Float
+from scipy.cluster.vq import kmeans2
 from scipy.spatial import cKDTree
 from trimesh import Trimesh
 from trimesh.sample import sample_surface
@@ -134,3 +135,13 @@ def code_statistics(
     covariance = np.cov(codes, rowvar=False)
     ridge = 1e-3 * np.trace(covariance) / codes.shape[1]
     return codes.mean(0), covariance + ridge * np.eye(codes.shape[1])
+
+
+def typical_codes(
+    codes: Float[np.ndarray, "s l"], count: int = 12, seed: int = 0
+) -> Float[np.ndarray, "k l"]:
+    """Training codes nearest to the centres of `count` clusters of them."""
+    count = min(count, len(codes))
+    centres, _ = kmeans2(codes.astype(np.float64), count, minit="++", rng=np.random.default_rng(seed))
+    nearest = np.unique(np.linalg.norm(codes[None] - centres[:, None], axis=2).argmin(axis=1))
+    return codes[nearest].astype(np.float64)

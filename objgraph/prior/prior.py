@@ -1,12 +1,16 @@
 """A category's shape prior: decoder, distribution of codes, and what its training measured."""
 
+from contextlib import suppress
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 
 from factors.decoder import Decoder
+from objgraph.errors import SolveError
+from objgraph.mesh import extract_mesh
 
 
 @dataclass(frozen=True)
@@ -29,3 +33,20 @@ class ShapePrior:
     """Standard deviation of the logarithm of that diagonal."""
     card: dict[str, Any] = field(default_factory=dict)
     """The model card: data, licences, frame, training settings, measured errors, hash."""
+    prototypes: Float[np.ndarray, "k l"] | None = None
+    """Codes of typical training shapes that differ: where a fit may start beside the mean."""
+
+    @cached_property
+    def starts(self) -> Float[np.ndarray, "k l"]:
+        """The mean code, then the prototypes."""
+        mean = np.asarray(self.code_mean, float)[None]
+        return mean if self.prototypes is None else np.concatenate([mean, self.prototypes])
+
+    @cached_property
+    def start_extents(self) -> Float[np.ndarray, "k 3"]:
+        """Canonical extents of the shapes of `starts`; NaN where a code has no surface."""
+        extents = np.full((len(self.starts), 3), np.nan)
+        for i, code in enumerate(self.starts):
+            with suppress(SolveError):
+                extents[i] = extract_mesh(self.decoder, code, resolution=32).extents
+        return extents

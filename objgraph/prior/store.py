@@ -25,6 +25,8 @@ def save_prior(prior: ShapePrior, path: Path) -> None:
     tensors = {f"decoder.{name}": value for name, value in prior.decoder.state_dict().items()}
     tensors["code_mean"] = torch.from_numpy(np.asarray(prior.code_mean, np.float64))
     tensors["code_covariance"] = torch.from_numpy(np.asarray(prior.code_covariance, np.float64))
+    if prior.prototypes is not None:
+        tensors["prototypes"] = torch.from_numpy(np.asarray(prior.prototypes, np.float64))
     header = {
         "format": FORMAT,
         "category": prior.category,
@@ -61,22 +63,29 @@ def load_prior_file(path: Path) -> ShapePrior:
             {k.removeprefix(prefix): v for k, v in tensors.items() if k.startswith(prefix)}
         )
         mean, covariance = tensors["code_mean"].numpy(), tensors["code_covariance"].numpy()
+        prototypes = tensors["prototypes"].numpy() if "prototypes" in tensors else np.zeros((0, len(mean)))
         numbers = [float(header[key]) for key in ("residual_sigma", "size_mean", "size_log_sigma")]
         card = {**header["card"], **{key: header[key] for key in _HEADER}}
         category = str(header["category"])
     except (KeyError, TypeError, ValueError, RuntimeError, FactorError) as error:
         raise PriorError(f"{path} is no usable shape prior: {error}") from error
     length = config.code_length
-    if mean.shape != (length,) or covariance.shape != (length, length):
+    if mean.shape != (length,) or covariance.shape != (length, length) or prototypes.shape[1:] != (length,):
         raise PriorError(
             f"{path}: code statistics of shapes {mean.shape} and {covariance.shape} do not fit a decoder of "
             f"{length}-dimensional codes"
         )
-    arrays = [mean, covariance, numbers, *(value.numpy() for value in decoder.state_dict().values())]
+    arrays = [
+        mean,
+        covariance,
+        prototypes,
+        numbers,
+        *(value.numpy() for value in decoder.state_dict().values()),
+    ]
     if not all(np.isfinite(array).all() for array in arrays):
         raise PriorError(f"{path}: a weight or statistic is not finite")
     decoder.requires_grad_(False).eval()
-    return ShapePrior(category, decoder, mean, covariance, *numbers, card=card)
+    return ShapePrior(category, decoder, mean, covariance, *numbers, card=card, prototypes=prototypes)
 
 
 def digest(tensors: dict[str, Tensor]) -> str:

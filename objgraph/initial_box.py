@@ -1,0 +1,56 @@
+"""Boxes about an object's points, two faces level."""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from jaxtyping import Float
+
+
+@dataclass(frozen=True)
+class GravityBox:
+    """A box about an object's points, two faces level."""
+
+    centre_world: Float[np.ndarray, "3"]
+    size: Float[np.ndarray, "3"]
+    """Along the object's x, y (up) and z axes."""
+    R_world_object: Float[np.ndarray, "3 3"]
+
+
+def gravity_box(
+    points_world: Float[np.ndarray, "n 3"],
+    up_world: Float[np.ndarray, "3"],
+    heading: float,
+    floor: float | None = None,
+    floor_reach: float = 0.8,
+) -> GravityBox:
+    """The box at `heading` radians that holds the points between their 1st and 99th percentile on every axis.
+
+    Heading 0 turns the object's x axis along an arbitrary but fixed level direction. Where the floor's height is
+    known and near, the box stands on it.
+    """
+    R = upright_axes(up_world, heading)
+    low, high = np.percentile(points_world @ R, [1, 99], axis=0)
+    if floor is not None and low[1] - floor < floor_reach:
+        low[1] = floor
+    return GravityBox(R @ (0.5 * (low + high)), np.maximum(high - low, 0.05), R)
+
+
+def smallest_heading(points_world: Float[np.ndarray, "n 3"], up_world: Float[np.ndarray, "3"]) -> float:
+    """Heading at which the gravity box has the smallest footprint."""
+    level = points_world @ upright_axes(up_world, 0.0)[:, [0, 2]]
+    low, high = np.percentile(level, [1, 99], axis=0)
+    inside = level[((level >= low) & (level <= high)).all(axis=1)]
+    # minAreaRect turns from x towards z; a positive heading turns x towards -z
+    return -np.radians(cv2.minAreaRect(inside.astype(np.float32))[2])
+
+
+def upright_axes(up_world: Float[np.ndarray, "3"], heading: float) -> Float[np.ndarray, "3 3"]:
+    """Object axes in the world: y up, x at `heading` about it."""
+    up = np.asarray(up_world, float) / np.linalg.norm(up_world)
+    helper = np.eye(3)[np.argmin(np.abs(up))]
+    x0 = np.cross(up, helper)
+    x0 /= np.linalg.norm(x0)
+    z0 = np.cross(x0, up)
+    x = np.cos(heading) * x0 - np.sin(heading) * z0
+    return np.stack([x, up, np.cross(x, up)], axis=1)
