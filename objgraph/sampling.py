@@ -6,6 +6,9 @@ import gtsam
 import numpy as np
 from jaxtyping import Bool, Float
 from scipy.ndimage import distance_transform_edt
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
 
 from factors.rays import Rays
 from objgraph.errors import ObservationError
@@ -41,6 +44,8 @@ class SamplingConfig:
     """Depths beyond this are no measurements of furniture or cars; a median beyond it is taken for an error."""
     margin: float = 0.1
     """Distance from the mask, as a share of its size, at which free rays are half as dense as at its outline."""
+    gap: float = 0.25
+    """Small parts of a mask's points farther than this (metres) from the rest are what is seen past the object."""
     mask_sigma: float = 1.0
     """Pixels by which a mask's outline errs."""
     flying: float = 0.06
@@ -115,15 +120,19 @@ def observe(frame: Frame, instance: int, config: SamplingConfig | None = None, s
     on_object = mask & (depth > 0)
     _check_mask(mask, on_object, where, config)
     on_object = _without_flying(depth, on_object, config)
-    if np.count_nonzero(on_object) < config.min_pixels:
+    v, u = np.nonzero(on_object)
+    points = frame.intrinsics.backproject(u, v) * depth[v, u, None]
+    one = _of_one_object(points, config.gap)
+    v, u, points = v[one], u[one], points[one]
+    if len(points) < config.min_pixels:
         raise ObservationError(
-            f"{where}: {np.count_nonzero(on_object)} mask pixels have a steady depth, at least "
-            f"{config.min_pixels} are due; choose another view"
+            f"{where}: {len(points)} mask pixels have a steady depth, at least {config.min_pixels} are due; "
+            "choose another view"
         )
     rng = np.random.default_rng(seed)
-    v, u = np.nonzero(on_object)
     z = depth[v, u]
-    points = frame.intrinsics.backproject(u, v) * z[:, None]
+    on_object[:] = False
+    on_object[v, u] = True
     weight = _even_weights(points)
     chosen = _draw(rng, weight, config.points)
     hits = _draw(rng, weight, config.hits)
@@ -207,6 +216,29 @@ def _without_flying(
         shifted = np.roll(masked, (dv, du), axis=(0, 1))
         near += np.abs(shifted - masked) < config.flying
     return on_object & (near >= 2)
+
+
+def _of_one_object(
+    points: Float[np.ndarray, "n 3"], gap: float, cell: float = 0.05, share: float = 0.2
+) -> Bool[np.ndarray, "n"]:
+    """True for points of the large connected parts, and of small ones within `gap` of those.
+
+    A mask of slats or spokes holds pixels of the wall behind; they must not widen the object.
+    """
+    if len(points) == 0:
+        return np.zeros(0, dtype=bool)
+    cells, inverse = np.unique(np.floor(points / cell).astype(int), axis=0, return_inverse=True)
+    tree = cKDTree(cells * cell)
+    pairs = tree.query_pairs(2.0 * cell, output_type="ndarray")
+    links = coo_matrix((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(cells),) * 2)
+    _, part = connected_components(links, directed=False)
+    size = np.bincount(part[inverse.ravel()], minlength=part.max() + 1)
+    large = (size >= min(share * len(points), size.max()))[part]
+    near = cKDTree(cells[large] * cell).query(cells * cell)[0] <= gap
+    whole = np.bincount(part, weights=near, minlength=len(size)) > 0.5 * np.bincount(
+        part, minlength=len(size)
+    )
+    return (large | whole[part])[inverse.ravel()]
 
 
 def _free_weights(mask: Bool[np.ndarray, "h w"], margin: float) -> Float[np.ndarray, "h w"]:

@@ -63,14 +63,15 @@ def load_prior_file(path: Path) -> ShapePrior:
             {k.removeprefix(prefix): v for k, v in tensors.items() if k.startswith(prefix)}
         )
         mean, covariance = tensors["code_mean"].numpy(), tensors["code_covariance"].numpy()
-        prototypes = tensors["prototypes"].numpy() if "prototypes" in tensors else np.zeros((0, len(mean)))
+        prototypes = tensors["prototypes"].numpy() if "prototypes" in tensors else None
         numbers = [float(header[key]) for key in ("residual_sigma", "size_mean", "size_log_sigma")]
         card = {**header["card"], **{key: header[key] for key in _HEADER}}
         category = str(header["category"])
     except (KeyError, TypeError, ValueError, RuntimeError, FactorError) as error:
         raise PriorError(f"{path} is no usable shape prior: {error}") from error
     length = config.code_length
-    if mean.shape != (length,) or covariance.shape != (length, length) or prototypes.shape[1:] != (length,):
+    fit = mean.shape == (length,) and covariance.shape == (length, length)
+    if not fit or (prototypes is not None and prototypes.shape[1:] != (length,)):
         raise PriorError(
             f"{path}: code statistics of shapes {mean.shape} and {covariance.shape} do not fit a decoder of "
             f"{length}-dimensional codes"
@@ -78,7 +79,7 @@ def load_prior_file(path: Path) -> ShapePrior:
     arrays = [
         mean,
         covariance,
-        prototypes,
+        *([] if prototypes is None else [prototypes]),
         numbers,
         *(value.numpy() for value in decoder.state_dict().values()),
     ]

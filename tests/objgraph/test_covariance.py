@@ -124,7 +124,7 @@ def lacking(missing: str) -> tuple[gtsam.NonlinearFactorGraph, gtsam.Values, Obj
     """A chair of which three points and one ray are seen, without one of the things that determine it."""
     prior, state, keys = toy_prior(), toy_state(), ObjectKeys.numbered(0)
     view = observe(toy_frame([state], 0.3), 1, SAMPLING).thinned(3, 1)
-    (seen,) = single_object_graph(prior, state, [view], None, GraphConfig()).objects
+    (seen,) = single_object_graph(prior, state, [view], None, None, GraphConfig()).objects
     hold = gtsam.PriorFactorPose3(keys.pose, state.T_world_object, gtsam.noiseModel.Isotropic.Sigma(6, 0.01))
     parts = {
         "code": [code_prior(keys, prior.code_mean, prior.code_covariance)],

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from objgraph.errors import ObservationError
 from objgraph.observation import Frame, Intrinsics
-from objgraph.sampling import SamplingConfig, SensorNoise, count_patches, observe
+from objgraph.sampling import SamplingConfig, SensorNoise, observe, patch_shares
 from tests.toys import ToyDecoder, toy_frame, toy_state
 
 CAMERA = Intrinsics(80.0, 80.0, 31.5, 23.5, 64, 48)
@@ -168,7 +168,7 @@ def test_the_counts_of_the_configuration_are_kept():
     few = observe(flat_frame(), 7, SamplingConfig(points=10_000, hits=10_000, free=10_000))
     assert len(few.points_camera) == few.rays.hit.sum() <= 24**2
     thin = view.thinned(8, 5)
-    assert (len(thin.points_camera), len(thin.rays.depth), thin.patches) == (8, 5, view.patches)
+    assert (len(thin.points_camera), len(thin.rays.depth), thin.patch) == (8, 5, view.patch)
     assert {tuple(p) for p in thin.points_camera} <= {tuple(p) for p in view.points_camera}
 
 
@@ -206,7 +206,8 @@ def test_patches_do_not_depend_on_how_many_pixels_are_sampled(seed, more, size):
     cells = np.stack(np.meshgrid(*[np.arange(size)] * 3), axis=-1).reshape(-1, 3)
     base = (cells[:, None] + rng.uniform(0.05, 0.95, (len(cells), 40, 3))).reshape(-1, 3) * 0.2
     repeated = np.repeat(base, more, axis=0)
-    assert count_patches(base, 0.2) == count_patches(repeated, 0.2) == size**3
+    for points in (base, repeated):
+        assert patch_shares(points, 0.2, most=0.5).sum() == pytest.approx(size**3)
 
 
 def test_patches_of_a_view_do_not_depend_on_its_resolution():
@@ -220,11 +221,37 @@ def test_patches_of_a_view_do_not_depend_on_its_resolution():
             "f", np.kron(frame.depth, big), camera, np.eye(4), np.kron(frame.instances, big)
         )  # fmt: skip
 
-    counts = [observe(at(factor), 7).patches for factor in (1, 3, 6)]
+    counts = [observe(at(factor), 7).points_share.sum() for factor in (1, 3, 6)]
     assert max(counts) - min(counts) <= 0.2 * min(counts)
     assert counts[0] == pytest.approx((BOX * 24 / 80 / 0.2) ** 2, rel=0.8)
 
 
 def test_a_stray_point_is_no_patch():
     points = np.concatenate([np.full((500, 3), 0.1), np.full((1, 3), 5.1)])
-    assert count_patches(points, 0.2) == 1
+    share = patch_shares(points, 0.2, most=0.5)
+    assert share[:500].sum() == pytest.approx(1)
+    assert share[500] == 0.5
+
+
+def test_hits_and_free_rays_are_counted_apart():
+    view = observe(flat_frame(), 7)
+    hit = view.rays.hit
+    for group, most in ((hit, 0.5), (~hit, 1.0)):
+        at = view.rays.directions_camera[group] * view.rays.depth[group, None]
+        np.testing.assert_allclose(view.rays_share[group], patch_shares(at, view.patch, most))
+
+
+def test_what_is_seen_past_the_object_is_not_of_it():
+    """A mask with slats holds pixels of the wall behind; a part of the object behind an occluder stays."""
+    frame = flat_frame()
+    v, u = np.nonzero(frame.instances == 7)
+    depth = frame.depth.copy()
+    gaps = np.random.default_rng(0).permutation(len(v))[: len(v) // 8]
+    depth[v[gaps], u[gaps]] = BOX + 1.0
+    view = observe(replace(frame, depth=depth), 7)
+    assert (view.points_camera[:, 2] < BOX + 0.1).all()
+    assert (view.rays.depth < BOX + 0.1).all()
+    halves = frame.instances.copy()
+    halves[:, 30:34] = 0
+    both = observe(replace(frame, instances=halves), 7, SamplingConfig(points=10_000))
+    assert len(both.points_camera) == np.count_nonzero(halves == 7)

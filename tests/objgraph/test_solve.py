@@ -90,7 +90,7 @@ def chair_problem(heading: float = 0.4, decoder: ToyDecoder | None = None) -> Pr
         observe(toy_frame([state], azimuth, seed=i), 1, sampling) for i, azimuth in enumerate((0.3, 2.0))
     ]
     prior = replace(toy_prior(), decoder=decoder or ToyDecoder().double())
-    (problem,) = single_object_graph(prior, state.retract(OFF), views, UP, GraphConfig()).problems()
+    (problem,) = single_object_graph(prior, state.retract(OFF), views, UP, None, GraphConfig()).problems()
     return problem
 
 
