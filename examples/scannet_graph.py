@@ -104,7 +104,7 @@ def main(arguments: Arguments) -> None:
             ]  # fmt: skip
         if floor is not None:  # nothing of an object lies below the floor: rays from underneath end at it
             points = np.concatenate([view.points_world for view in views])
-            T_world_below, rays = rays_from_below(points, scan.up_world, floor, patch=0.2)
+            T_world_below, rays = rays_from_below(points, scan.up_world, floor)
             factors.append(
                 DepthFactor(keys, prior.decoder, T_world_below, rays, prior_sigma=prior.residual_sigma)
             )

@@ -17,7 +17,7 @@ from objgraph.map import ObjectMap
 from objgraph.mapping import MappingConfig, evaluated, map_scan, scene_points
 from objgraph.observation import Scan
 from objgraph.picture import map_picture
-from objgraph.report import evaluation_summary, evaluation_table, map_table
+from objgraph.report import evaluation_table, map_table
 
 log = logging.getLogger(__name__)
 
@@ -90,7 +90,6 @@ def _show(object_map: ObjectMap, scan: Scan, out: Path, console: Console) -> Non
     table = evaluation_table(object_map)
     if table is not None:
         console.print(table)
-        console.print(evaluation_summary(object_map))
     if object_map.mapped:
         frames = np.unique(np.linspace(0, len(scan.frames) - 1, min(24, len(scan.frames))).astype(int))
         points, colors = scene_points(scan, frames, pixels=20000)

@@ -186,7 +186,7 @@ def single_object_graph(
         objects.observe(handle, view)
     if floor is not None:
         points = np.concatenate([view.points_world for view in views])
-        objects.add_free_rays(handle, *rays_from_below(points, up_world, floor, views[0].patch))
+        objects.add_free_rays(handle, *rays_from_below(points, up_world, floor))
     return objects
 
 

@@ -4,14 +4,19 @@ from dataclasses import dataclass
 
 import gtsam
 import numpy as np
-from jaxtyping import Bool, Float
-from scipy.ndimage import distance_transform_edt
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
-from scipy.spatial import cKDTree
+from jaxtyping import Float
 
 from factors.rays import Rays
 from objgraph.errors import ObservationError
+from objgraph.masks import (
+    check_mask,
+    clean_depth,
+    free_weights,
+    nearest,
+    not_seen_past,
+    of_one_object,
+    without_flying,
+)
 from objgraph.observation import Frame
 
 
@@ -44,8 +49,10 @@ class SamplingConfig:
     """Depths beyond this are no measurements of furniture or cars; a median beyond it is taken for an error."""
     margin: float = 0.1
     """Distance from the mask, as a share of its size, at which free rays are half as dense as at its outline."""
-    gap: float = 0.25
-    """Small parts of a mask's points farther than this (metres) from the rest are what is seen past the object."""
+    step: float = 0.25
+    """A mask pixel this much behind the one beside it (metres) is seen past the object, not on it."""
+    gap: float = 1.0
+    """Small parts of a mask's points farther than this (metres) from the rest are not of the object."""
     mask_sigma: float = 1.0
     """Pixels by which a mask's outline errs."""
     flying: float = 0.06
@@ -78,7 +85,7 @@ class ObjectView:
     @property
     def points_share(self) -> Float[np.ndarray, "n"]:
         """The part of an independent measurement that each surface point is."""
-        return patch_shares(self.points_camera, self.patch, most=0.5)
+        return patch_shares(self.points_camera, self.patch, most=0.25)
 
     @property
     def rays_share(self) -> Float[np.ndarray, "r"]:
@@ -86,7 +93,7 @@ class ObjectView:
         rays = self.rays
         at = rays.directions_camera * rays.depth[:, None]
         share = np.empty(len(at))
-        share[rays.hit] = patch_shares(at[rays.hit], self.patch, most=0.5)
+        share[rays.hit] = patch_shares(at[rays.hit], self.patch, most=0.25)
         share[~rays.hit] = patch_shares(at[~rays.hit], self.patch, most=1.0)
         return share
 
@@ -115,14 +122,14 @@ def observe(frame: Frame, instance: int, config: SamplingConfig | None = None, s
     config = config or SamplingConfig()
     where = f"frame {frame.name}, object {instance}"
     T_world_camera = _rigid(frame, where)
-    depth = _clean_depth(frame, where, config)
+    depth = clean_depth(frame, where, config.max_depth)
     mask = frame.instances == instance
     on_object = mask & (depth > 0)
-    _check_mask(mask, on_object, where, config)
-    on_object = _without_flying(depth, on_object, config)
+    check_mask(mask, on_object, where, config.min_pixels)
+    on_object = not_seen_past(depth, without_flying(depth, on_object, config.flying), config.step)
     v, u = np.nonzero(on_object)
     points = frame.intrinsics.backproject(u, v) * depth[v, u, None]
-    one = _of_one_object(points, config.gap)
+    one = of_one_object(points, config.gap)
     v, u, points = v[one], u[one], points[one]
     if len(points) < config.min_pixels:
         raise ObservationError(
@@ -136,7 +143,7 @@ def observe(frame: Frame, instance: int, config: SamplingConfig | None = None, s
     weight = _even_weights(points)
     chosen = _draw(rng, weight, config.points)
     hits = _draw(rng, weight, config.hits)
-    weight = _free_weights(mask, config.margin) * (depth > np.percentile(z, 1))
+    weight = free_weights(mask, config.margin) * (depth > np.percentile(z, 1))
     free_v, free_u = np.nonzero(weight)
     free = _draw(rng, weight[free_v, free_u], config.free)
     free_v, free_u = free_v[free], free_u[free]
@@ -144,8 +151,8 @@ def observe(frame: Frame, instance: int, config: SamplingConfig | None = None, s
         [frame.intrinsics.backproject(u[hits], v[hits]), frame.intrinsics.backproject(free_u, free_v)]
     )
     hit = np.arange(len(directions)) < len(hits)
-    at = np.concatenate([z[hits], _nearest(depth, on_object)[free_v, free_u]])
-    behind = _nearest(depth, ~mask)[v[hits], u[hits]]
+    at = np.concatenate([z[hits], nearest(depth, on_object)[free_v, free_u]])
+    behind = nearest(depth, ~mask)[v[hits], u[hits]]
     # a hit is seen up to its own depth at least, be there an occluder beside it
     end = np.concatenate([np.where(behind > z[hits], behind, np.inf), depth[free_v, free_u]])
     pixel = config.mask_sigma * at / frame.intrinsics.fx
@@ -179,84 +186,6 @@ def _rigid(frame: Frame, where: str) -> gtsam.Pose3:
     if np.abs(R @ R.T - np.eye(3)).max() > 1e-2 or np.linalg.det(R) < 0:
         raise ObservationError(f"{where}: the camera pose is no rigid motion; leave the frame out")
     return gtsam.Pose3(gtsam.Rot3.ClosestTo(R), T[:3, 3])
-
-
-def _clean_depth(frame: Frame, where: str, config: SamplingConfig) -> Float[np.ndarray, "h w"]:
-    depth = np.where(np.isfinite(frame.depth), frame.depth, 0.0)
-    valid = depth[depth > 0]
-    if len(valid) and np.median(valid) > config.max_depth:
-        raise ObservationError(
-            f"{where}: the median depth is {np.median(valid):.0f} m; depths must be metres "
-            "(millimetres: divide by 1000)"
-        )
-    return np.where(depth <= config.max_depth, depth, 0.0)
-
-
-def _check_mask(
-    mask: Bool[np.ndarray, "h w"], on_object: Bool[np.ndarray, "h w"], where: str, config: SamplingConfig
-) -> None:
-    if not mask.any():
-        raise ObservationError(f"{where}: the mask is empty; choose a frame that shows the object")
-    if mask.mean() > 0.98:
-        raise ObservationError(f"{where}: the mask covers the whole picture; is it a mask of this object?")
-    if np.count_nonzero(on_object) < config.min_pixels:
-        raise ObservationError(
-            f"{where}: {np.count_nonzero(on_object)} mask pixels have depth, at least {config.min_pixels} are "
-            "due; choose another view"
-        )
-
-
-def _without_flying(
-    depth: Float[np.ndarray, "h w"], on_object: Bool[np.ndarray, "h w"], config: SamplingConfig
-) -> Bool[np.ndarray, "h w"]:
-    """Mask pixels whose depth agrees with that of most of their neighbours on the mask."""
-    masked = np.where(on_object, depth, 0.0).astype(np.float32)
-    near = np.zeros(depth.shape, np.int32)
-    for dv, du in ((-1, 0), (1, 0), (0, -1), (0, 1)):
-        shifted = np.roll(masked, (dv, du), axis=(0, 1))
-        near += np.abs(shifted - masked) < config.flying
-    return on_object & (near >= 2)
-
-
-def _of_one_object(
-    points: Float[np.ndarray, "n 3"], gap: float, cell: float = 0.05, share: float = 0.2
-) -> Bool[np.ndarray, "n"]:
-    """True for points of the large connected parts, and of small ones within `gap` of those.
-
-    A mask of slats or spokes holds pixels of the wall behind; they must not widen the object.
-    """
-    if len(points) == 0:
-        return np.zeros(0, dtype=bool)
-    cells, inverse = np.unique(np.floor(points / cell).astype(int), axis=0, return_inverse=True)
-    tree = cKDTree(cells * cell)
-    pairs = tree.query_pairs(2.0 * cell, output_type="ndarray")
-    links = coo_matrix((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(cells),) * 2)
-    _, part = connected_components(links, directed=False)
-    size = np.bincount(part[inverse.ravel()], minlength=part.max() + 1)
-    large = (size >= min(share * len(points), size.max()))[part]
-    near = cKDTree(cells[large] * cell).query(cells * cell)[0] <= gap
-    whole = np.bincount(part, weights=near, minlength=len(size)) > 0.5 * np.bincount(
-        part, minlength=len(size)
-    )
-    return (large | whole[part])[inverse.ravel()]
-
-
-def _free_weights(mask: Bool[np.ndarray, "h w"], margin: float) -> Float[np.ndarray, "h w"]:
-    """How densely free rays are drawn: outlines say most, but a shape must not grow unseen far beside the mask."""
-    away = distance_transform_edt(~mask)
-    near = margin * np.sqrt(np.count_nonzero(mask))
-    return np.where(mask, 0.0, 1.0 / (1.0 + np.square(away / near)))  # pyright: ignore[reportOperatorIssue]
-
-
-def _nearest(depth: Float[np.ndarray, "h w"], known: Bool[np.ndarray, "h w"]) -> Float[np.ndarray, "h w"]:
-    """Depth of the nearest pixel that is `known`; infinite where none is.
-
-    Across an outline this is what would be seen but for the object, or where the object next to a pixel lies.
-    """
-    if not known.any():
-        return np.full(depth.shape, np.inf)
-    _, (v, u) = distance_transform_edt(~known, return_indices=True)  # pyright: ignore[reportGeneralTypeIssues]
-    return depth[v, u]
 
 
 def _even_weights(points: Float[np.ndarray, "n 3"], edge: float = 0.03) -> Float[np.ndarray, "n"]:

@@ -15,18 +15,18 @@ from tests.objgraph.test_initial_box import turned, ups
 from tests.toys import toy_frame, toy_prior, toy_state
 
 
-@given(ups, st.floats(-2, 2), st.floats(0.1, 0.4))
-def test_every_ray_ends_at_the_floor_and_they_cover_what_is_above(up, floor, patch):
+@given(ups, st.floats(-2, 2), st.floats(0.05, 0.4))
+def test_every_ray_ends_at_the_floor_and_they_cover_what_is_above(up, floor, spacing):
     up = np.array(up, float) / np.linalg.norm(up)
     points = turned(np.random.default_rng(0).uniform(-0.5, 0.5, (500, 3)), up, 0.3) + (floor + 0.5) * up
-    T_world_camera, rays = rays_from_below(points, up, floor, patch)
+    T_world_camera, rays = rays_from_below(points, up, floor, spacing)
     ends = (rays.directions_camera * rays.end[:, None]) @ T_world_camera.rotation().matrix().T
     ends = ends + T_world_camera.translation()
     np.testing.assert_allclose(ends @ up, floor, atol=1e-9)
     assert not rays.hit.any()
     level = points - np.outer(points @ up - floor, up)
     nearest = np.linalg.norm(level[:, None] - ends[None], axis=2).min(axis=1)
-    assert nearest.max() <= patch
+    assert nearest.max() <= spacing
 
 
 def test_an_object_under_the_floor_is_lifted():
