@@ -13,8 +13,9 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from objgraph.datasets.registry import load_scan
 from objgraph.errors import DatasetError
+from objgraph.evaluation.maps import evaluated
 from objgraph.map import ObjectMap
-from objgraph.mapping import MappingConfig, evaluated, map_scan, scene_points
+from objgraph.mapping import MappingConfig, map_scan, scene_points
 from objgraph.observation import Scan
 from objgraph.picture import map_picture
 from objgraph.report import evaluation_table, map_table
@@ -56,8 +57,12 @@ def run_map(command: MapCommand, console: Console) -> ObjectMap:
             config,
             lambda what, done, total: progress.update(task, description=what, completed=done, total=total),
         )
-    object_map = evaluated(object_map, dict(scan.ground_truth))
     object_map.save(command.out)
+    try:
+        object_map = evaluated(object_map, dict(scan.ground_truth))
+        object_map.save(command.out)
+    except DatasetError as error:
+        log.warning("the map is saved but not evaluated: %s", error)
     _write_config(command.out / "config.json", config)
     _show(object_map, scan, command.out, console)
     return object_map

@@ -4,20 +4,19 @@ import logging
 import time
 from collections.abc import Callable, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from jaxtyping import Float
 
 from objgraph.covariance import surface_sigma
 from objgraph.errors import InitialisationError, ObjectGraphError, ObservationError, SolveError
-from objgraph.evaluation.metrics import evaluate_object
 from objgraph.floor import estimate_floor
 from objgraph.graph import GraphConfig, ObjectGraph
 from objgraph.initialise import InitialisationConfig, guesses, rank, single_object_graph
 from objgraph.map import MappedObject, ObjectMap, PriorReference
 from objgraph.mesh import extract_mesh
-from objgraph.observation import FrameSource, GroundTruth, Instance, Scan
+from objgraph.observation import FrameSource, Instance, Scan
 from objgraph.prior.prior import ShapePrior
 from objgraph.prior.registry import load_prior
 from objgraph.sampling import ObjectView, SamplingConfig, observe
@@ -198,24 +197,6 @@ def scene_points(
             colors.append(frame.color[rows, columns] / 255.0)
     whole = len(colors) == len(points)
     return np.concatenate(points), np.concatenate(colors) if whole else None
-
-
-def evaluated(object_map: ObjectMap, truths: "dict[int, GroundTruth]", seed: int = 0) -> ObjectMap:
-    """The map with the errors of every object that has ground truth; a failed object counts as wrong."""
-    entries = []
-    for entry in object_map.objects:
-        truth = truths.get(entry.id)
-        if truth is None:
-            entries.append(entry)
-        elif entry.vertices is None or entry.T_world_object is None or entry.scale is None:
-            entries.append(replace(entry, evaluation={"pose_correct": False}))
-        else:
-            assert entry.faces is not None
-            R, t = entry.T_world_object[:3, :3], entry.T_world_object[:3, 3]
-            p_object = (entry.vertices - t) @ R / entry.scale
-            errors = evaluate_object(entry.T_world_object, entry.scale, p_object, entry.faces, truth, seed)
-            entries.append(replace(entry, evaluation=asdict(errors)))
-    return replace(object_map, objects=tuple(entries))
 
 
 def _cheapest(

@@ -8,6 +8,7 @@ import pytest
 
 from objgraph.cli import main
 from objgraph.map import COVARIANCE_AXES, EVALUATION_KEYS, ObjectMap
+from objgraph.synthetic.sample import ensure_sample
 
 ENTRIES = {
     "id", "category", "status", "reason", "T_world_object", "scale", "code", "covariance", "covariance_axes",
@@ -71,3 +72,25 @@ def test_a_scan_of_a_real_sensor_is_mapped(shared_data, tmp_path, scene):
     root = str(shared_data / "sevenscenes")
     objects = run_map(tmp_path, "--dataset", "sevenscenes", "--root", root, "--scene", scene)
     assert sum(entry["status"] == "mapped" for entry in objects) >= 4
+
+
+def test_a_missing_cad_model_costs_the_evaluation_and_not_the_map(tmp_path, capsys):
+    """Ground truth is read after the map has been saved."""
+    root = ensure_sample(tmp_path / "sample")
+    next(root.glob("shapenet/ShapeNetCore.v2/*/*/models/*.obj")).unlink()
+    out = tmp_path / "map"
+    arguments = [
+        "--dataset",
+        "scannet",
+        "--root",
+        str(root / "scannet"),
+        "--views",
+        "1",
+        "--sampling.min-pixels",
+        "99999",
+    ]
+    assert main(["map", "--out", str(out), *arguments]) == 0
+    objects = json.loads((out / "map.json").read_text())["objects"]
+    assert {entry["status"] for entry in objects} == {"failed"}
+    assert all("mask pixels" in entry["reason"] for entry in objects)
+    assert "not evaluated" in capsys.readouterr().out

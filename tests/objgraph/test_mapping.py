@@ -13,10 +13,11 @@ from scipy.stats import chi2
 from factors.state import ObjectState
 from objgraph import mapping
 from objgraph.errors import InitialisationError, ObservationError
+from objgraph.evaluation.maps import evaluated
 from objgraph.graph import GraphConfig
 from objgraph.initialise import InitialisationConfig, single_object_graph
 from objgraph.map import ObjectMap
-from objgraph.mapping import MappingConfig, evaluated, map_object, map_scan, scene_points
+from objgraph.mapping import MappingConfig, map_object, map_scan, scene_points
 from objgraph.observation import GroundTruth, Instance, Scan
 from objgraph.prior.registry import load_prior
 from objgraph.sampling import SamplingConfig, observe
