@@ -74,7 +74,7 @@ def test_a_scan_of_a_real_sensor_is_mapped(shared_data, tmp_path, scene):
     assert sum(entry["status"] == "mapped" for entry in objects) >= 4
 
 
-def test_a_missing_cad_model_costs_the_evaluation_and_not_the_map(tmp_path, capsys):
+def test_a_missing_cad_model_costs_the_evaluation_and_not_the_map(tmp_path, caplog):
     """Ground truth is read after the map has been saved."""
     root = ensure_sample(tmp_path / "sample")
     next(root.glob("shapenet/ShapeNetCore.v2/*/*/models/*.obj")).unlink()
@@ -93,4 +93,4 @@ def test_a_missing_cad_model_costs_the_evaluation_and_not_the_map(tmp_path, caps
     objects = json.loads((out / "map.json").read_text())["objects"]
     assert {entry["status"] for entry in objects} == {"failed"}
     assert all("mask pixels" in entry["reason"] for entry in objects)
-    assert "not evaluated" in capsys.readouterr().out
+    assert "not evaluated" in caplog.text
