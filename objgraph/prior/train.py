@@ -4,7 +4,8 @@ import hashlib
 import json
 import logging
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
@@ -92,6 +93,17 @@ def checkpoint_path(config: TrainConfig) -> Path:
     return config.out / f"{config.category}.checkpoint"
 
 
+@contextmanager
+def _threads(count: int) -> Iterator[None]:
+    """So many CPU threads for a while."""
+    before = torch.get_num_threads()
+    torch.set_num_threads(count)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(before)
+
+
 def train(config: TrainConfig, corpus: Corpus, progress: Progress | None = None) -> Trained:
     """Train, or resume, until `config.steps`; a killed run resumes at its checkpoint with the same result.
 
@@ -100,7 +112,11 @@ def train(config: TrainConfig, corpus: Corpus, progress: Progress | None = None)
     """
     if not corpus.training:
         raise PriorError(f"there is no {config.category} to train on: every mesh was left out or held out")
-    torch.set_num_threads(config.threads)
+    with _threads(config.threads):
+        return _train(config, corpus, progress)
+
+
+def _train(config: TrainConfig, corpus: Corpus, progress: Progress | None) -> Trained:
     points, sdf = _stack(corpus.training)
     model, optimizer = _model(config, len(sdf))
     path = checkpoint_path(config)
