@@ -64,7 +64,7 @@ def main(arguments: Arguments) -> None:
     dataset, root = ("scannet", arguments.root) if arguments.root else ("sample", Path("out/sample"))
     scan = load_scan(dataset, root, arguments.scene)
     index = summarize(scan.frames)
-    floor = scene_floor(scan, index)
+    floor = scene_floor(scan)
 
     # One graph and one set of values for the whole scene; a SLAM system would bring its own.
     graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()

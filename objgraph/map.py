@@ -10,16 +10,13 @@ from jaxtyping import Float, Int
 
 from objgraph import map_checks, map_files
 from objgraph.colors import sigma_colors, sigma_limit
+from objgraph.covariance import RIGID_AXES
 from objgraph.errors import MapError
 
 VERSION = 1
 """Of the document's layout; a reader refuses another."""
 
-COVARIANCE_AXES = (
-    *(f"rotation_{axis} [rad, object frame]" for axis in "xyz"),
-    *(f"translation_{axis} [m, object frame]" for axis in "xyz"),
-    *(f"log_scale_{axis} [1, object axis]" for axis in "xyz"),
-)
+COVARIANCE_AXES = RIGID_AXES
 """The 9 axes of `MappedObject.covariance`: GTSAM's Pose3 tangent in the body frame, then the log-scale."""
 
 EVALUATION_KEYS = (

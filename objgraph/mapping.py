@@ -69,7 +69,7 @@ def map_scan(scan: Scan, config: MappingConfig | None = None, progress: Progress
     config = config or MappingConfig()
     tell = progress or (lambda what, done, total: None)
     index = summarize(scan.frames, config.view, lambda done, total: tell("reading frames", done, total))
-    floor = scene_floor(scan, index)
+    floor = scene_floor(scan)
     entries = []
     for i, instance in enumerate(scan.instances):
         tell(f"mapping {instance.category} {instance.id}", i, len(scan.instances))
@@ -171,7 +171,7 @@ def observe_instance(
     return views
 
 
-def scene_floor(scan: Scan, index: ViewIndex, frames: int = 12, pixels: int = 4000) -> float | None:
+def scene_floor(scan: Scan, frames: int = 12, pixels: int = 4000) -> float | None:
     """Height of the floor along the scan's up direction, from a few frames' depth; None where it is not seen."""
     chosen = np.unique(np.linspace(0, len(scan.frames) - 1, min(frames, len(scan.frames))).astype(int))
     return estimate_floor(scene_points(scan, chosen, pixels)[0], scan.up_world)

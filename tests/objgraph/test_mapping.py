@@ -223,10 +223,10 @@ def test_scene_points_and_floor():
     painted = [replace(frame, color=red) for frame in (scan.frames[3], scan.frames[4])]
     points, colors = scene_points(replace(scan, frames=ListedFrames(painted)), [0, 1], pixels=500)
     np.testing.assert_array_equal(colors, np.tile([1.0, 0, 0], (1000, 1)))
-    assert mapping.scene_floor(scan, mapping.summarize(scan.frames)) == pytest.approx(0, abs=0.02)
+    assert mapping.scene_floor(scan) == pytest.approx(0, abs=0.02)
     blind = replace(scan.frames[3], depth=np.zeros_like(scan.frames[3].depth))
     dark = replace(scan, frames=ListedFrames([blind]))
-    assert mapping.scene_floor(dark, mapping.summarize(dark.frames)) is None
+    assert mapping.scene_floor(dark) is None
 
 
 def test_the_same_seed_gives_the_same_map():
