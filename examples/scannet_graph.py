@@ -33,7 +33,7 @@ from objgraph.map import MappedObject, ObjectMap
 from objgraph.mapping import scene_floor, scene_points
 from objgraph.mesh import extract_mesh
 from objgraph.picture import map_picture
-from objgraph.prior.registry import load_prior
+from objgraph.prior.registry import prior_for
 from objgraph.report import evaluation_table, map_table
 from objgraph.sampling import observe
 from objgraph.solve import LevenbergMarquardtConfig, Problem, minimize
@@ -71,7 +71,7 @@ def main(arguments: Arguments) -> None:
     observed, seconds = {}, {}
     for instance in track(scan.instances, "building the graph"):
         start = time.perf_counter()
-        prior = load_prior(instance.category)
+        prior = prior_for(instance.category)
         frames = index.select(instance.id, arguments.views)
         views = [observe(scan.frames[i], instance.id) for i in frames]
 
@@ -86,7 +86,7 @@ def main(arguments: Arguments) -> None:
         state.insert(values, keys)
         graph.push_back(code_prior(keys, prior.code_mean, prior.code_covariance))
         graph.push_back(
-            scale_prior(keys, np.log(prior.size_mean), prior.size_log_sigma, anisotropy_sigma=0.1)
+            scale_prior(keys, np.log(prior.size_mean), prior.size_log_sigma, prior.anisotropy_sigma or 0.1)
         )
         graph.push_back(upright_prior(keys, scan.up_world, sigma=0.03))
 

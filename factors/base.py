@@ -8,10 +8,10 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from factors.decoder import Decoder, SdfJet
 from factors.errors import FactorError
 from factors.reduce import Rows, guarded_factor, reduce_rows
 from factors.sdf import SdfQuery, query_points
+from factors.sdf_decoder import SdfDecoder, SdfJet
 from factors.state import CAMERA_DOF, POSE_DOF, SCALE_DOF, ObjectKeys, ObjectState
 
 
@@ -40,7 +40,7 @@ class ObservationFactor(ABC):
     the curvature is a positive semi-definite majoriser's.
     """
 
-    def __init__(self, keys: ObjectKeys, decoder: Decoder, camera: gtsam.Pose3 | int) -> None:
+    def __init__(self, keys: ObjectKeys, decoder: SdfDecoder, camera: gtsam.Pose3 | int) -> None:
         self.object_keys = keys
         self.decoder = decoder
         self.camera = camera

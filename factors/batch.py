@@ -8,8 +8,8 @@ from jaxtyping import Float, Int
 from torch import Tensor
 
 from factors.base import ObservationFactor
-from factors.decoder import SdfJet
 from factors.sdf import SdfQuery
+from factors.sdf_decoder import SdfJet
 
 CHUNK = 65536
 """Points a decoder call: bounds the memory of a large map."""

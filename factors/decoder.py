@@ -5,13 +5,14 @@ the factors use are continuous.
 """
 
 from dataclasses import dataclass
-from typing import Literal, NamedTuple
+from typing import Literal
 
 import torch
-from jaxtyping import Float, Int
+from jaxtyping import Float
 from torch import Tensor, nn
 
 from factors.errors import FactorError
+from factors.sdf_decoder import LinearInjection
 
 _ACTIVATIONS = {"silu": nn.functional.silu, "relu": nn.functional.relu, "softplus": nn.functional.softplus}
 
@@ -34,20 +35,10 @@ class DecoderConfig:
     """The hidden units' non-linearity."""
 
 
-class SdfJet(NamedTuple):
-    """Signed distances and their first derivatives at n canonical points."""
+class Decoder(LinearInjection):
+    """Layers of one width; code and point enter at the first and, a second time, at the skip layer."""
 
-    value: Float[Tensor, "n"]
-    d_point: Float[Tensor, "n 3"]
-    d_code: Float[Tensor, "n l"]
-
-
-class Decoder(nn.Module):
-    """Signed distance of canonical points, for one or many shape codes.
-
-    The code enters linearly before an activation, so its contribution is computed once a shape and not once
-    a point; its gradient comes back through the same door.
-    """
+    config: DecoderConfig
 
     def __init__(self, config: DecoderConfig | None = None) -> None:
         super().__init__()
@@ -71,54 +62,9 @@ class Decoder(nn.Module):
     def code_length(self) -> int:
         return self.config.code_length
 
-    def forward(
-        self,
-        points: Float[Tensor, "n 3"],
-        codes: Float[Tensor, "b l"],
-        owner: Int[Tensor, "n"] | None = None,
-    ) -> Float[Tensor, "n"]:
-        """Signed distances, in canonical units, of `points` to the shapes that own them.
-
-        `owner` gives for each point the row of `codes` it belongs to; without it all belong to the one row.
-        """
-        return self._network(points, self._inject(codes, owner, len(points)))
-
-    def linearize(
-        self,
-        points: Float[Tensor, "n 3"],
-        codes: Float[Tensor, "b l"],
-        owner: Int[Tensor, "n"] | None = None,
-    ) -> SdfJet:
-        """Signed distances and their derivatives w.r.t. point and code, in one forward and one backward pass.
-
-        Samples are independent, so the gradient of the sum holds each sample's own gradient (paper
-        eq:jacobian_code and the first half of eq:jacobian_pose).
-        """
-        with torch.no_grad():
-            injected = self._inject(codes.detach(), owner, len(points))
-        injected = {layer: rows.clone().requires_grad_() for layer, rows in injected.items()}
-        points = points.detach().requires_grad_()
-        with torch.enable_grad():
-            value = self._network(points, injected)
-            d_point, *d_injected = torch.autograd.grad(value.sum(), [points, *injected.values()])
-        weights = [self.get_parameter(f"from_code.{layer}.weight").detach() for layer in injected]
-        d_code = torch.stack([rows @ weight for rows, weight in zip(d_injected, weights, strict=True)]).sum(
-            dim=0
-        )
-        return SdfJet(value.detach(), d_point, d_code)
-
-    def _inject(
-        self, codes: Float[Tensor, "b l"], owner: Int[Tensor, "n"] | None, n: int
-    ) -> dict[str, Float[Tensor, "n w"]]:
-        if codes.ndim != 2 or codes.shape[1] != self.code_length:
-            raise FactorError(
-                f"codes of shape {tuple(codes.shape)} do not fit this decoder: it takes (b, {self.code_length})"
-            )
-        if owner is None:
-            if len(codes) != 1:
-                raise FactorError(f"{len(codes)} codes were given: `owner` must say whose each point is")
-            return {layer: linear(codes).expand(n, -1) for layer, linear in self.from_code.items()}
-        return {layer: linear(codes)[owner] for layer, linear in self.from_code.items()}
+    @property
+    def like(self) -> Tensor:
+        return self.output.weight
 
     def _network(
         self, points: Float[Tensor, "n 3"], injected: dict[str, Float[Tensor, "n w"]]

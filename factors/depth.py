@@ -8,12 +8,12 @@ import torch
 from torch import Tensor
 
 from factors.base import Annealing, ObservationFactor
-from factors.decoder import Decoder, SdfJet
 from factors.errors import FactorError
 from factors.rays import RayCells, Rays, box_interval, choose_cells, coarse_depths
 from factors.reduce import Rows
 from factors.rendering import FullDistribution, RayTargets, RenderedRows, Renderer
 from factors.sdf import SdfQuery, metres_per_unit, query_points, sdf_jacobian
+from factors.sdf_decoder import SdfDecoder, SdfJet
 from factors.state import ObjectKeys, ObjectState
 from factors.weighting import Weighting
 
@@ -59,7 +59,7 @@ class DepthFactor(ObservationFactor):
     def __init__(
         self,
         keys: ObjectKeys,
-        decoder: Decoder,
+        decoder: SdfDecoder,
         camera: gtsam.Pose3 | int,
         rays: Rays,
         *,

@@ -13,7 +13,7 @@ import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
-from factors.decoder import Decoder, SdfJet
+from factors.sdf_decoder import SdfDecoder, SdfJet
 from factors.state import ObjectState
 
 _GRADIENT_RANGE = (0.5, 2.0)
@@ -36,14 +36,14 @@ class SdfQuery:
 
 
 def query_points(
-    decoder: Decoder,
+    decoder: SdfDecoder,
     state: ObjectState,
     T_world_camera: gtsam.Pose3,
     p_camera: Float[np.ndarray, "n 3"],
 ) -> SdfQuery:
     """Camera points in the object's canonical frame, in the decoder's precision."""
     p_world = p_camera @ T_world_camera.rotation().matrix().T + T_world_camera.translation()
-    like = decoder.output.weight
+    like = decoder.like
     return SdfQuery(
         torch.as_tensor(state.to_object(p_world), dtype=like.dtype, device=like.device),
         torch.as_tensor(np.array(state.code), dtype=like.dtype, device=like.device),

@@ -9,11 +9,11 @@ from jaxtyping import Float
 from torch import Tensor
 
 from factors.base import Annealing, ObservationFactor
-from factors.decoder import Decoder, SdfJet
 from factors.errors import FactorError
 from factors.reduce import Rows
 from factors.score import energy_score, majorizing_weight
 from factors.sdf import SdfQuery, metres_per_unit, propagated_variance, query_points, sdf_jacobian
+from factors.sdf_decoder import SdfDecoder, SdfJet
 from factors.state import ObjectKeys
 from factors.weighting import Weighting
 
@@ -36,7 +36,7 @@ class SurfaceFactor(ObservationFactor):
     def __init__(
         self,
         keys: ObjectKeys,
-        decoder: Decoder,
+        decoder: SdfDecoder,
         camera: gtsam.Pose3 | int,
         points_camera: Float[np.ndarray, "n 3"],
         sigma: Float[np.ndarray, "n"],

@@ -17,8 +17,11 @@ def main(arguments: list[str] | None = None) -> int:
     """Run one subcommand; an error that the user can mend is one line, not a traceback."""
     # imported here, so that a mistyped word is answered before torch and open3d are loaded
     from objgraph.commands import MapCommand, run_map
+    from objgraph.prior.convert import ConvertConfig, convert_command
     from objgraph.prior.export import train_command
+    from objgraph.prior.listing import PriorsCommand, priors_command
     from objgraph.prior.train import TrainConfig
+    from objgraph.prior_commands import EvaluatePriorCommand, run_evaluate_prior
 
     console = Console(width=None if sys.stdout.isatty() else int(os.environ.get("COLUMNS", "140")))
     logging.basicConfig(
@@ -33,9 +36,29 @@ def main(arguments: list[str] | None = None) -> int:
         """Train a category's shape prior; a killed run goes on where it was."""
         console.print(f"written to {train_command(config)}")
 
+    def evaluate_prior(
+        command: Annotated[EvaluatePriorCommand, tyro.conf.arg(name=""), tyro.conf.FlagCreatePairsOff],
+    ) -> None:
+        """Measure a shape prior on a folder of meshes: the best code of each, given all of it and given one view."""
+        run_evaluate_prior(command, console)
+
+    def convert_prior(config: Annotated[ConvertConfig, tyro.conf.arg(name="")]) -> None:
+        """Make a prior of a DeepSDF experiment folder (specs.json and ModelParameters)."""
+        console.print(f"written to {convert_command(config)}")
+
+    def priors(command: Annotated[PriorsCommand, tyro.conf.arg(name="")]) -> None:
+        """List the shape priors that there are, and what is known of them."""
+        priors_command(command, console)
+
     try:
         tyro.extras.subcommand_cli_from_dict(
-            {"map": map_, "train": train},
+            {
+                "map": map_,
+                "train": train,
+                "convert-prior": convert_prior,
+                "priors": priors,
+                "evaluate-prior": evaluate_prior,
+            },
             prog="objgraph",
             description="Object-level mapping with learnt shape priors, as a factor graph.",
             args=arguments,

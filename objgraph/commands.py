@@ -2,7 +2,7 @@
 
 import json
 import logging
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Annotated
 
@@ -38,6 +38,8 @@ class MapCommand:
     """The data set's folder; the sample needs none."""
     scene: str | None = None
     """Name of the scan; may be left out where there is only one."""
+    categories: tuple[str, ...] = ()
+    """Map objects of these categories alone; by default all."""
     scan2cad: Path | None = None
     """Folder of the Scan2CAD annotations; by default beside `root`. Read by the evaluation alone."""
     shapenet: Path | None = None
@@ -48,7 +50,7 @@ class MapCommand:
 
 def run_map(command: MapCommand, console: Console) -> ObjectMap:
     """Load, map, evaluate where there is ground truth, save, and show."""
-    scan = _load(command)
+    scan = _limited(_load(command), command.categories)
     config = command.config
     with _progress(console) as progress:
         task = progress.add_task("starting", total=None)
@@ -78,6 +80,17 @@ def _load(command: MapCommand) -> Scan:
     return load_scan(
         command.dataset, root, command.scene, **{k: v for k, v in options.items() if v is not None}
     )
+
+
+def _limited(scan: Scan, categories: tuple[str, ...]) -> Scan:
+    """The scan with the objects of some categories, or with all."""
+    if not categories:
+        return scan
+    kept = tuple(instance for instance in scan.instances if instance.category in categories)
+    if not kept:
+        known = ", ".join(sorted({instance.category for instance in scan.instances})) or "none"
+        raise DatasetError(f"{scan.name} has no object of {', '.join(categories)}; its categories: {known}")
+    return replace(scan, instances=kept)
 
 
 def _progress(console: Console) -> Progress:

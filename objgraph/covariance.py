@@ -10,8 +10,8 @@ from jaxtyping import Float
 from scipy.sparse import csc_matrix, diags, eye
 from scipy.sparse.linalg import splu
 
-from factors.decoder import Decoder
 from factors.sdf import metres_per_unit, propagated_variance, query_points, sdf_jacobian
+from factors.sdf_decoder import SdfDecoder
 from factors.state import RIGID_DOF, ObjectKeys, ObjectState
 from objgraph.errors import SolveError
 
@@ -77,7 +77,7 @@ def joint_covariance(
 
 
 def surface_sigma(
-    decoder: Decoder,
+    decoder: SdfDecoder,
     state: ObjectState,
     covariance: ObjectCovariance,
     p_object: Float[np.ndarray, "n 3"],

@@ -79,9 +79,8 @@ class ObjectGraph:
         keys = keys or ObjectKeys.numbered(self._free_index())
         state.insert(self.values, keys)
         self.graph.push_back(code_prior(keys, prior.code_mean, prior.code_covariance))
-        self.graph.push_back(
-            scale_prior(keys, np.log(prior.size_mean), prior.size_log_sigma, self.config.anisotropy_sigma)
-        )
+        anisotropy = prior.anisotropy_sigma or self.config.anisotropy_sigma
+        self.graph.push_back(scale_prior(keys, np.log(prior.size_mean), prior.size_log_sigma, anisotropy))
         if up_world is not None:
             self.graph.push_back(upright_prior(keys, up_world, self.config.upright_sigma))
         handle = ObjectHandle(name or f"{prior.category} {len(self.objects)}", keys, prior)

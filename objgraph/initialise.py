@@ -66,9 +66,13 @@ def guesses(
     if len(points) < 10:
         raise InitialisationError(f"{len(points)} points are too few to place an object; add views of it")
     start = smallest_heading(points, up_world)
+    headings = start + np.arange(config.headings) * 2 * np.pi / config.headings
+    boxes = [gravity_box(points, up_world, angle, floor, config.floor_reach) for angle in headings]
+    if prior.is_fallback:
+        # it has no front to be found: its x axis is along the longer level side
+        boxes = [box for box in boxes if box.size[0] >= box.size[2]] or boxes
     states = []
-    for heading in start + np.arange(config.headings) * 2 * np.pi / config.headings:
-        box = gravity_box(points, up_world, heading, floor, config.floor_reach)
+    for box in boxes:
         T_world_object = gtsam.Pose3(gtsam.Rot3(box.R_world_object), box.centre_world)
         for code, extents in zip(prior.starts, prior.start_extents, strict=True):
             if np.isfinite(extents).all():
@@ -83,12 +87,17 @@ def guesses(
 
 
 def _log_scale(log_ratio: Float[np.ndarray, "3"], stands: bool, prior: ShapePrior) -> Float[np.ndarray, "3"]:
-    """Log-scale from the box over the shape: its height where the floor is known, its sides half as far."""
+    """Log-scale from the box over the shape: its height where the floor is known, its sides half as far.
+
+    The sides of a shape that scales alone can stretch are the box's own.
+    """
     # on a known floor the height is seen whole, the other sides may be cut off
     size = float(log_ratio[1] if stands else log_ratio.mean())
     reach = 2.5 * prior.size_log_sigma
     size = np.clip(size, np.log(prior.size_mean) - reach, np.log(prior.size_mean) + reach)
-    return size + 0.5 * np.clip(log_ratio - size, -0.3, 0.3)
+    anisotropy = prior.anisotropy_sigma
+    share, limit = (0.5, 0.3) if anisotropy is None else (1.0, 2.5 * anisotropy)
+    return size + share * np.clip(log_ratio - size, -limit, limit)
 
 
 def _free_points(views: Sequence[ObjectView]) -> Float[np.ndarray, "m 3"]:
@@ -117,7 +126,7 @@ def _misfit(
     surface = p_surface[rng.permutation(len(p_surface))[:count]]
     free = p_free[rng.permutation(len(p_free))[:count]]
     points = [np.concatenate([state.to_object(surface), state.to_object(free)]) for state in states]
-    like = prior.decoder.output.weight
+    like = prior.decoder.like
     codes = torch.as_tensor(np.stack([state.code for state in states])).to(like)
     owner = torch.arange(len(states)).repeat_interleave(len(points[0])).to(like.device)
     with torch.no_grad():

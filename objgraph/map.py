@@ -54,6 +54,8 @@ class PriorReference:
     name: str
     hash: str
     """Of the weights, so that a code is never decoded by another decoder unnoticed."""
+    fallback: bool = False
+    """Whether it only stands in, because the category has no prior of its own."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -222,10 +224,16 @@ def _to_json(entry: MappedObject, mesh: str | None) -> dict[str, Any]:
     document = {name: getattr(entry, name) for name in _JSON_FIELDS}
     document = {k: v.tolist() if isinstance(v, np.ndarray) else v for k, v in document.items()}
     document["views"] = list(entry.views)
-    document["prior"] = None if entry.prior is None else {"name": entry.prior.name, "hash": entry.prior.hash}
+    document["prior"] = _prior_to_json(entry.prior)
     document["covariance_axes"] = None if entry.covariance is None else list(COVARIANCE_AXES)
     document["mesh"] = mesh
     return document
+
+
+def _prior_to_json(prior: PriorReference | None) -> dict[str, Any] | None:
+    if prior is None:
+        return None
+    return {"name": prior.name, "hash": prior.hash} | ({"fallback": True} if prior.fallback else {})
 
 
 def _from_json(document: Any, index: int, folder: Path) -> MappedObject:

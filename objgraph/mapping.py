@@ -5,6 +5,8 @@ import time
 from collections.abc import Callable, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
+from functools import cache, partial
+from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float
@@ -18,7 +20,8 @@ from objgraph.map import MappedObject, ObjectMap, PriorReference
 from objgraph.mesh import extract_mesh
 from objgraph.observation import FrameSource, Instance, Scan
 from objgraph.prior.prior import ShapePrior
-from objgraph.prior.registry import load_prior
+from objgraph.prior.registry import prior_for
+from objgraph.prior.store import load_prior_file
 from objgraph.sampling import ObjectView, SamplingConfig, observe
 from objgraph.solve import Problem, SolverConfig, solve
 from objgraph.view_selection import ViewConfig, ViewIndex, summarize
@@ -39,6 +42,8 @@ class MappingConfig:
     """Of everything that is sampled."""
     mesh_resolution: int = 64
     """Cells along an edge of the canonical cube."""
+    priors: tuple[str, ...] = ()
+    """Your own priors, .safetensors files: each serves its category in place of the shipped one."""
     view: ViewConfig = field(default_factory=ViewConfig)
     sampling: SamplingConfig = field(default_factory=SamplingConfig)
     initialisation: InitialisationConfig = field(default_factory=InitialisationConfig)
@@ -65,26 +70,39 @@ def map_scan(scan: Scan, config: MappingConfig | None = None, progress: Progress
     """Map every object that the scan's masks name; an object that fails says why and stops no other.
 
     The ground truth of the scan, if it has any, is not read.
+
+    Raises:
+        PriorError: one of the files of `config.priors` is no prior.
     """
     config = config or MappingConfig()
+    given = [load_prior_file(Path(path)) for path in config.priors]
+    find_prior = cache(partial(prior_for, given=given))  # one prior, and one warning, a category
     tell = progress or (lambda what, done, total: None)
     index = summarize(scan.frames, config.view, lambda done, total: tell("reading frames", done, total))
     floor = scene_floor(scan)
     entries = []
     for i, instance in enumerate(scan.instances):
         tell(f"mapping {instance.category} {instance.id}", i, len(scan.instances))
-        entries.append(map_instance(scan, instance, index, floor, config))
+        entries.append(map_instance(scan, instance, index, floor, config, find_prior))
     tell("mapped", len(scan.instances), len(scan.instances))
     return ObjectMap(scan.name, tuple(entries), scan.up_world)
 
 
 def map_instance(
-    scan: Scan, instance: Instance, index: ViewIndex, floor: float | None, config: MappingConfig
+    scan: Scan,
+    instance: Instance,
+    index: ViewIndex,
+    floor: float | None,
+    config: MappingConfig,
+    find_prior: Callable[[str], ShapePrior] = prior_for,
 ) -> MappedObject:
-    """Map one object of a scan; a failure is in the result, not raised."""
+    """Map one object of a scan; a failure is in the result, not raised.
+
+    `find_prior` gives the prior of a category; by default its own, or the labelled fallback.
+    """
     clock = _Clock()
     try:
-        prior = load_prior(instance.category)
+        prior = find_prior(instance.category)
         with clock.stage("observe"):
             views = observe_instance(scan.frames, instance, index, config)
         return map_object(instance, prior, views, scan.up_world, floor, config, clock)
@@ -148,11 +166,16 @@ def map_object(
         seconds_by_stage=clock.seconds,
         views=tuple(handle.views),
         size_m=state.scale * mesh.extents,
-        prior=PriorReference(prior.category, prior.card.get("sha256", "unknown")),
+        prior=_reference(prior),
         vertices=state.to_world(np.asarray(mesh.vertices)),
         faces=np.asarray(mesh.faces),
         vertex_sigma=sigma,
     )
+
+
+def _reference(prior: ShapePrior) -> PriorReference:
+    name = prior.card["fallback"] if prior.is_fallback else prior.category
+    return PriorReference(name, prior.card.get("sha256", "unknown"), prior.is_fallback)
 
 
 def observe_instance(

@@ -10,7 +10,7 @@ import trimesh
 from jaxtyping import Bool, Float, Int
 from skimage import measure
 
-from factors.decoder import Decoder
+from factors.sdf_decoder import SdfDecoder
 from objgraph.errors import SolveError
 
 _LOG = logging.getLogger(__name__)
@@ -21,14 +21,14 @@ Field = Callable[[Float[np.ndarray, "n 3"]], Float[np.ndarray, "n"]]
 
 
 def extract_mesh(
-    decoder: Decoder,
+    decoder: SdfDecoder,
     code: Float[np.ndarray, "l"],
     resolution: int = 64,
     bound: float = 0.55,
     *,
     remove_floaters: bool = True,
     floater_share: float = 0.02,
-    slope: float = 1.5,
+    slope: float = 2.0,
     chunk: int = 32768,
 ) -> trimesh.Trimesh:
     """Mesh of the decoder's zero level in the canonical frame, closed, triangles facing outwards.
@@ -42,9 +42,47 @@ def extract_mesh(
     Raises:
         SolveError: the code is not one of this decoder's, or the surface does not pass through the grid.
     """
+    grid = sdf_grid(decoder, code, resolution, bound, slope=slope, chunk=chunk)
+    return mesh_of_grid(grid, bound, remove_floaters=remove_floaters, floater_share=floater_share)
+
+
+def sdf_grid(
+    decoder: SdfDecoder,
+    code: Float[np.ndarray, "l"],
+    resolution: int = 64,
+    bound: float = 0.55,
+    *,
+    slope: float = 2.0,
+    chunk: int = 32768,
+) -> Float[np.ndarray, "g g g"]:
+    """SDF at the nodes of `extract_mesh`'s grid, by axes x, y, z: exact near the surface, elsewhere of its sign.
+
+    Raises:
+        SolveError: the code is not one of this decoder's.
+    """
+    return field_grid(_field(decoder, code, chunk), resolution, bound, slope=slope)
+
+
+def field_grid(
+    field: Field, resolution: int = 64, bound: float = 0.55, *, slope: float = 1.0
+) -> Float[np.ndarray, "g g g"]:
+    """The same of any signed distance; `slope` bounds its gradient."""
     cells = _BLOCKS[0] * -(-int(resolution) // _BLOCKS[0])
-    field = _field(decoder, code, chunk)
-    grid = _narrow_band(field, cells, bound, slope)
+    return _narrow_band(field, cells, bound, slope)
+
+
+def mesh_of_grid(
+    grid: Float[np.ndarray, "g g g"],
+    bound: float = 0.55,
+    *,
+    remove_floaters: bool = True,
+    floater_share: float = 0.02,
+) -> trimesh.Trimesh:
+    """The zero level of an SDF at the nodes of a grid over [-bound, bound]^3, as `extract_mesh` says.
+
+    Raises:
+        SolveError: a value is not finite, or the surface does not pass through the grid.
+    """
     low, high = float(np.min(grid)), float(np.max(grid))
     if not (np.isfinite(low) and np.isfinite(high)):
         raise SolveError("the decoder's SDF is not finite on the grid: the shape code has diverged")
@@ -76,7 +114,7 @@ def to_world(
     return trimesh.Trimesh(vertices, np.asarray(mesh.faces), process=False)
 
 
-def _field(decoder: Decoder, code: Float[np.ndarray, "l"], chunk: int) -> Field:
+def _field(decoder: SdfDecoder, code: Float[np.ndarray, "l"], chunk: int) -> Field:
     parameter = next(decoder.parameters(), torch.empty(0))
     codes = torch.as_tensor(np.array(code), dtype=parameter.dtype, device=parameter.device)[None]
     if codes.shape != (1, decoder.code_length):

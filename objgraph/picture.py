@@ -75,10 +75,15 @@ def map_picture(
     sheet, axes, bar = figure.panels(width, size, 2, title, limit)
     figure.show(axes[0], _render(oblique, _cut_away(cloud, corners, direction, up), surfaces), "oblique")
     figure.show(axes[1], _render(above, cloud, surfaces), "from above")
-    names = [f"{entry.category} {entry.id}" for entry in shown]
+    names = [_name(entry) for entry in shown]
     for axis, camera in zip(axes, (oblique, above), strict=True):
         figure.label(axis, names, _label_places(camera, shown, up))
     figure.finish(sheet, bar, limit, Path(path))
+
+
+def _name(entry: MappedObject) -> str:
+    fallback = entry.prior is not None and entry.prior.fallback
+    return f"{entry.category} {entry.id}{' (fallback)' if fallback else ''}"
 
 
 def object_picture(
@@ -114,7 +119,7 @@ def object_picture(
         )
         for turn in (35, 215)
     ]
-    sheet, axes, bar = figure.panels(width, size, 3, f"{entry.category} {entry.id}", limit)
+    sheet, axes, bar = figure.panels(width, size, 3, _name(entry), limit)
     nothing = _Cloud(np.empty((0, 3)), np.empty((0, 3)), point_radius)
     seen = _Cloud(cloud.points, cloud.colors, point_radius)
     figure.show(axes[0], _render(cameras[0], seen, []), f"{len(cloud.points)} observed points")

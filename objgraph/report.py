@@ -16,6 +16,8 @@ from objgraph.evaluation.metrics import CHAMFER_LIMIT_M, IOU_LIMIT
 from objgraph.map import MappedObject, ObjectMap
 
 _NONE = "-"
+_FALLBACK = "*"
+"""Marks an object of a category without a prior."""
 
 
 @dataclass(frozen=True)
@@ -40,7 +42,8 @@ CRITERIA = (
 def map_table(object_map: ObjectMap) -> Table:
     """One row an object: its size, place and heading with standard deviations, and what mapping it took.
 
-    Below it stand the reasons of those that failed. It fits a terminal 80 characters wide.
+    Below it stand the reasons of those that failed, and which stand-in an object marked * was mapped with. It fits
+    a terminal 80 characters wide.
     """
     counts = f"{len(object_map.mapped)} of {len(object_map.objects)} objects mapped"
     table = Table(
@@ -60,7 +63,7 @@ def map_table(object_map: ObjectMap) -> Table:
     for entry in object_map.objects:
         table.add_row(
             str(entry.id),
-            escape(entry.category),
+            escape(entry.category) + _FALLBACK * _is_fallback(entry),
             _size(entry.size_m),
             _position(entry),
             _heading(entry, object_map.up_world),
@@ -90,7 +93,7 @@ def evaluation_table(object_map: ObjectMap) -> Table | None:
         e = entry.evaluation or {}
         table.add_row(
             str(entry.id),
-            escape(entry.category),
+            escape(entry.category) + _FALLBACK * _is_fallback(entry),
             _value(e, "translation_m", 100, 1),
             _value(e, "rotation_deg", 1, 1),
             _value(e, "scale_pct", 1, 1),
@@ -147,8 +150,14 @@ def _status(entry: MappedObject) -> Text:
 
 
 def _remarks(object_map: ObjectMap) -> list[str]:
-    """Why objects failed, one line each: too long for a column."""
-    return [f"{e.category} {e.id} {e.status}: {e.reason}" for e in object_map.objects if e.reason]
+    """Why objects failed, one line each, and what the mark of a fallback means: too long for a column."""
+    reasons = [f"{e.category} {e.id} {e.status}: {e.reason}" for e in object_map.objects if e.reason]
+    names = {e.prior.name for e in object_map.objects if e.prior is not None and e.prior.fallback}
+    return reasons + [f"{_FALLBACK} no prior for this category: fallback {name}" for name in sorted(names)]
+
+
+def _is_fallback(entry: MappedObject) -> bool:
+    return entry.prior is not None and entry.prior.fallback
 
 
 def _value(evaluation: Mapping[str, Any], key: str, factor: float, digits: int) -> str:

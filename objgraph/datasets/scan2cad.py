@@ -34,7 +34,18 @@ SYMMETRIES = {
 }
 """Scan2CAD's symmetry classes as `GroundTruth.symmetry` counts them."""
 
-CATALOG_CATEGORIES = {"03001627": "chair", "04379243": "table", "02958343": "car"}
+CATALOG_CATEGORIES = {
+    "02747177": "trash can",
+    "02808440": "bathtub",
+    "02818832": "bed",
+    "02871439": "bookshelf",
+    "02933112": "cabinet",
+    "02958343": "car",
+    "03001627": "chair",
+    "03211117": "monitor",
+    "04256520": "sofa",
+    "04379243": "table",
+}
 """ShapeNet's category ids as this project names them."""
 
 _MATCH_DISTANCE = 0.1

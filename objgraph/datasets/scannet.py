@@ -37,8 +37,42 @@ CATEGORIES: dict[str, str] = {
     "desk": "table",
     "coffee table": "table",
     "dining table": "table",
+    "trash bin": "trash can",
+    "recycling bin": "trash can",
+    "couch": "sofa",
+    "file cabinet": "cabinet",
+    "kitchen cabinet": "cabinet",
 }
-"""ScanNet's labels and the category whose prior fits them; objects of other labels are left out."""
+"""ScanNet's labels and the category that they are mapped as; any other label is its own category."""
+
+NO_OBJECTS = frozenset(
+    ("wall", "floor", "ceiling", "window", "windowsill", "door", "doorframe", "curtain", "shower curtain")
+    + (
+        "shower curtain rod",
+        "blinds",
+        "stairs",
+        "stair rail",
+        "rail",
+        "railing",
+        "handrail",
+        "pillar",
+        "column",
+    )
+    + (
+        "structure",
+        "ledge",
+        "rug",
+        "carpet",
+        "mat",
+        "poster",
+        "picture",
+        "light",
+        "pipe",
+        "unknown",
+        "remove",
+    )
+)
+"""Labels of the room itself, of sheets and of nothing in particular; left out unless asked for."""
 
 _MATCH_FRAMES = 60
 _MATCH_STRIDE = 8
@@ -55,13 +89,14 @@ def load(
     scene: str | None = None,
     *,
     stride: int = 1,
-    categories: Mapping[str, str] = CATEGORIES,
+    categories: Mapping[str, str] | None = None,
     scan2cad: Path | None = None,
     shapenet: Path | None = None,
 ) -> Scan:
     """The scan `scene` under `root`, or the only one there.
 
-    `stride` keeps every stride-th frame. `categories` maps ScanNet's labels to categories. `scan2cad` (folder of
+    `stride` keeps every stride-th frame. `categories` maps ScanNet's labels to categories and limits the objects to
+    them; by default every label but `NO_OBJECTS` is mapped, renamed by `CATEGORIES`. `scan2cad` (folder of
     `full_annotations.json`) and `shapenet` are by default the folders of these names beside `root`; without
     annotations the ground truth is empty. Frames whose pose is missing, not finite or not rigid are left out
     with a warning. Raises `DatasetError` for what is missing or damaged, here or when a frame is read.
@@ -91,8 +126,12 @@ def _scans(root: Path) -> Path:
     return folder
 
 
-def _instances(labels: dict[int, str], categories: Mapping[str, str], scene: str) -> tuple[Instance, ...]:
-    """The objects of known categories; a mask's value is the objectId plus one."""
+def _instances(
+    labels: dict[int, str], categories: Mapping[str, str] | None, scene: str
+) -> tuple[Instance, ...]:
+    """The objects to map; a mask's value is the objectId plus one."""
+    if categories is None:
+        categories = {label: CATEGORIES.get(label, label) for label in set(labels.values()) - NO_OBJECTS}
     others = sorted({label for label in labels.values() if label not in categories})
     if others:
         log.info("%s: objects left out, no category for their labels: %s", scene, ", ".join(others))

@@ -32,9 +32,6 @@ from objgraph.observation import Frame, Instance, Intrinsics, Scan
 
 log = logging.getLogger(__name__)
 
-CATEGORIES: dict[str, str] = {"chair": "chair", "table": "table"}
-"""The boxes' labels and the category whose prior fits them; objects of other labels are left out."""
-
 _MILLIMETRES = 1000.0
 _TOP_SLAB = 0.1
 _BOX_ERROR = 0.02
@@ -61,12 +58,13 @@ def load(
     scene: str | None = None,
     *,
     stride: int = 1,
-    categories: Mapping[str, str] = CATEGORIES,
+    categories: Mapping[str, str] | None = None,
     floor_margin: float = 0.03,
 ) -> Scan:
     """The sequence `scene` under `root`, or the only one there; it has no ground truth.
 
-    `stride` keeps every stride-th frame. Points less than `floor_margin` metres above the floor belong to no
+    `stride` keeps every stride-th frame. `categories` maps the boxes' labels to categories and limits the objects to
+    them; by default a label is its category. Points less than `floor_margin` metres above the floor belong to no
     object, however far down its box reaches. Frames whose pose is not finite or not rigid are left out with a
     warning. Raises `DatasetError` for what is missing or damaged, here or when a frame is read.
     """
@@ -100,7 +98,7 @@ def load(
 
 
 def _read_instances(
-    path: Path, categories: Mapping[str, str]
+    path: Path, categories: Mapping[str, str] | None
 ) -> tuple[Float[np.ndarray, "3"], float, list[_Box]]:
     """Unit up vector, the floor's height along it (minus infinity where the file has none) and the boxes.
 
@@ -112,6 +110,8 @@ def _read_instances(
         up_world = up / np.linalg.norm(up)
         floor_height = -float(content.get("floor_d", np.inf))
         objects = content["objects"]
+        if categories is None:
+            categories = {str(o["label"]): str(o["label"]) for o in objects}
         others = sorted({o["label"] for o in objects if o["label"] not in categories})
         boxes = [_box(o, categories[o["label"]]) for o in objects if o["label"] in categories]
     except (KeyError, TypeError, ValueError) as error:

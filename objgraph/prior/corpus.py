@@ -21,6 +21,7 @@ from objgraph.prior.samples import (
     save_samples,
 )
 from objgraph.prior.solid import SOLID_VERSION, Solid, solidify
+from objgraph.prior.swaps import SWAPPED, swap
 from objgraph.prior.warps import random_warp
 
 log = logging.getLogger(__name__)
@@ -30,12 +31,16 @@ log = logging.getLogger(__name__)
 class CorpusConfig:
     """Which shapes are drawn, and which of them are held out."""
 
-    procedural: int = 500
+    procedural: int = 700
     """Procedural meshes a category."""
-    copies: int = 3
+    copies: int = 5
     """Warped copies of every collected mesh, beside itself."""
+    swaps: int = 150
+    """Meshes put together from two collected ones, where a category has parts to swap."""
     heldout_share: float = 0.2
     """Share of the collected meshes that is held out, by groups of near-duplicates."""
+    validation: bool = False
+    """Leave the held-out meshes out altogether and hold out the next ones in their place: for choosing settings."""
     procedural_heldout: int = 25
     """One procedural mesh in this many is held out."""
     seed: int = 0
@@ -70,7 +75,10 @@ def build_corpus(
         )
     parts = []
     if meshes is not None:
-        parts.append(_collected_corpus(meshes, read_index(meshes, category), corpus, samples, cache))
+        entries = read_index(meshes, category)
+        parts.append(_collected_corpus(meshes, entries, corpus, samples, cache))
+        if category in SWAPPED:
+            parts.append(_swapped_corpus(category, meshes, parts[0].used, corpus, samples, cache))
     if category in FAMILIES:
         parts.append(_procedural_corpus(category, corpus, samples, cache))
     return Corpus(
@@ -87,6 +95,9 @@ def _collected_corpus(
 ) -> Corpus:
     """Collected meshes with warped copies of those that are trained on; what cannot be closed is left out."""
     held = heldout_groups(entries, corpus.heldout_share)
+    if corpus.validation:
+        entries = [entry for entry in entries if entry.group not in held]
+        held = heldout_groups(entries, corpus.heldout_share)
     shapes: dict[bool, list[SdfSamples]] = {True: [], False: []}
     kept: dict[bool, list[CadMesh]] = {True: [], False: []}
     skipped: dict[str, str] = {}
@@ -104,6 +115,41 @@ def _collected_corpus(
     return Corpus(tuple(shapes[False]), tuple(shapes[True]), tuple(kept[False]), tuple(kept[True]), skipped)
 
 
+def _swapped_corpus(
+    category: str,
+    folder: Path,
+    entries: tuple[CadMesh, ...],
+    corpus: CorpusConfig,
+    samples: SampleConfig,
+    cache: Path,
+) -> Corpus:
+    """Tops of meshes that are trained on, on the bases of others; warped, as their copies are."""
+    solid = lru_cache(maxsize=None)(lambda file: solidify(_read(folder / file), file))
+    files = [entry.file for entry in entries]
+    shapes: list[SdfSamples] = []
+    # about one pair in two does not fit
+    for i in range(4 * corpus.swaps):
+        if len(shapes) == corpus.swaps or len(files) < 2:
+            break
+        rng = np.random.default_rng([corpus.seed, i])
+        top, base = rng.choice(files, 2, replace=False)
+
+        def swapped(top: str = top, base: str = base, rng: np.random.Generator = rng) -> Solid:
+            return swap(solid(top), solid(base), category, rng).warped(random_warp(rng))
+
+        key = cache_key([_read(folder / top), _read(folder / base)], samples, corpus.seed, i, SOLID_VERSION)
+        refused = cache / f"{key}.refused"
+        if refused.exists():
+            continue
+        try:
+            shapes.append(_cached(f"swap/{top}+{base}#{i}", key, samples, cache, swapped, measured=False))
+        except PriorError as error:
+            log.info("no swap: %s", error)
+            cache.mkdir(parents=True, exist_ok=True)
+            refused.touch()
+    return Corpus(tuple(shapes), heldout=(), used=(), unseen=(), skipped={})
+
+
 def _procedural_corpus(category: str, corpus: CorpusConfig, samples: SampleConfig, cache: Path) -> Corpus:
     """Procedural meshes, one in `procedural_heldout` of them held out."""
     shapes: dict[bool, list[SdfSamples]] = {True: [], False: []}
@@ -117,10 +163,7 @@ def _collected(
     path: Path, name: str, copies: int, seed: int, samples: SampleConfig, cache: Path, measured: bool
 ) -> list[SdfSamples]:
     """A collected mesh and its warped copies; `measured` adds points on the surface."""
-    try:
-        mesh = trimesh.load_mesh(path, process=False)
-    except (OSError, ValueError, IndexError, KeyError) as error:
-        raise PriorError(f"{path} cannot be read as a mesh: {error!r}") from error
+    mesh = _read(path)
     original = lru_cache(maxsize=1)(lambda: solidify(mesh, name))
 
     def warped(copy: int, key: str) -> Solid:
@@ -133,6 +176,13 @@ def _collected(
         key = cache_key([mesh], samples, seed, copy, SOLID_VERSION)
         shapes.append(_cached(f"{name}#{copy}", key, samples, cache, partial(warped, copy, key), measured))
     return shapes
+
+
+def _read(path: Path) -> trimesh.Trimesh:
+    try:
+        return trimesh.load_mesh(path, process=False)
+    except (OSError, ValueError, IndexError, KeyError) as error:
+        raise PriorError(f"{path} cannot be read as a mesh: {error!r}") from error
 
 
 def _procedural(

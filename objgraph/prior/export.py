@@ -2,7 +2,7 @@
 
 import logging
 from collections.abc import Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +12,7 @@ from objgraph.prior.corpus import Corpus, build_corpus
 from objgraph.prior.fit import FitError, code_statistics, fit_error, typical_codes
 from objgraph.prior.index import CadMesh
 from objgraph.prior.prior import ShapePrior
-from objgraph.prior.samples import SURFACE_POINTS, SdfSamples
+from objgraph.prior.samples import SURFACE_POINTS
 from objgraph.prior.size import size_statistics
 from objgraph.prior.store import save_prior
 from objgraph.prior.train import TrainConfig, Trained, load_trained, train
@@ -45,7 +45,7 @@ def export_command(config: TrainConfig) -> Path:
         PriorError: there is no checkpoint of this training.
     """
     corpus = _corpus(config)
-    return _write(config, corpus, load_trained(config, len(corpus.training)))
+    return _write(config, corpus, load_trained(config, corpus))
 
 
 def _corpus(config: TrainConfig) -> Corpus:
@@ -65,14 +65,26 @@ def _write(config: TrainConfig, corpus: Corpus, trained: Trained) -> Path:
 def make_prior(config: TrainConfig, corpus: Corpus, trained: Trained) -> ShapePrior:
     """The prior of a training, with what it does on shapes it has not seen in the card."""
     mean, covariance = code_statistics(trained.codes)
+    metric = [entry.size for entry in corpus.used if entry.size is not None]
+    size_mean, size_log_sigma, size_source = size_statistics(config.category, metric)
+    prior = ShapePrior(
+        category=config.category,
+        decoder=trained.decoder,
+        code_mean=mean,
+        code_covariance=covariance,
+        residual_sigma=0.01,
+        size_mean=size_mean,
+        size_log_sigma=size_log_sigma,
+        prototypes=typical_codes(trained.codes),
+        box=None if trained.box is None else trained.box.extents,
+        anisotropy_sigma=None if trained.box is None else trained.box.anisotropy_sigma,
+    )
     collected = {entry.file for entry in corpus.unseen}
     unseen = [shape for shape in corpus.heldout if shape.name.split("#")[0] in collected]
     procedural = [shape for shape in corpus.heldout if shape.name.split("#")[0] not in collected]
-    errors = _fit(trained, unseen, mean, covariance)
-    procedural_errors = _fit(trained, procedural[:5], mean, covariance)
-    sigmas = [error.surface_sigma for error in errors or procedural_errors]
-    metric = [entry.size for entry in corpus.used if entry.size is not None]
-    size_mean, size_log_sigma, size_source = size_statistics(config.category, metric)
+    errors = [fit_error(prior, shape) for shape in unseen]
+    procedural_errors = [fit_error(prior, shape) for shape in procedural[:5]]
+    bands = _bands(errors or procedural_errors)
     card = {
         "data": {
             "collected": [_entry(entry) for entry in corpus.used],
@@ -95,25 +107,19 @@ def make_prior(config: TrainConfig, corpus: Corpus, trained: Trained) -> ShapePr
             "measured": "best code by Levenberg-Marquardt on SDF samples; chamfer: mean of the two directed mean "
             f"distances of {SURFACE_POINTS} points, in box diagonals (equal surfaces: about 0.003)",
         },
+        "residual_by_distance": bands,
         "size_source": size_source,
     }
-    return ShapePrior(
-        category=config.category,
-        decoder=trained.decoder,
-        code_mean=mean,
-        code_covariance=covariance,
-        residual_sigma=float(np.median(sigmas)) if sigmas else 0.01,
-        size_mean=size_mean,
-        size_log_sigma=size_log_sigma,
-        card=card,
-        prototypes=typical_codes(trained.codes),
-    )
+    return replace(prior, residual_sigma=next(iter(bands.values()), prior.residual_sigma), card=card)
 
 
-def _fit(
-    trained: Trained, shapes: Sequence[SdfSamples], mean: np.ndarray, covariance: np.ndarray
-) -> list[FitError]:
-    return [fit_error(trained.decoder, shape, mean, covariance) for shape in shapes]
+def _bands(errors: Sequence[FitError]) -> dict[str, float]:
+    """The median over shapes of the error in each band, nearest to the surface first."""
+    names = dict.fromkeys(name for error in errors for name in error.bands)
+    return {
+        name: float(np.median([error.bands[name] for error in errors if name in error.bands]))
+        for name in names
+    }
 
 
 def _summary(errors: Sequence[FitError]) -> dict[str, float | int | None]:
@@ -127,7 +133,6 @@ def _summary(errors: Sequence[FitError]) -> dict[str, float | int | None]:
         "without_surface": int(len(chamfers) - len(found)),
         "chamfer_median": float(np.median(found)) if len(found) else None,
         "chamfer_mean": float(found.mean()) if len(found) else None,
-        "surface_sigma_median": float(np.median([error.surface_sigma for error in errors])),
         "gradient_median": float(np.median([error.gradient_median for error in errors])),
     }
 

@@ -53,16 +53,24 @@ def read_index(folder: Path, category: str) -> list[CadMesh]:
 
 
 def heldout_groups(meshes: Sequence[CadMesh], share: float) -> set[str]:
-    """Groups held out: in an order that only their names decide, until they hold the share of the meshes."""
-    groups: dict[str, int] = {}
+    """Groups held out: of every source, in an order that only the names decide, at least the share of its meshes.
+
+    Sources of one group each are drawn from together.
+    """
+    sources: dict[str, dict[str, int]] = {}
     for mesh in meshes:
-        groups[mesh.group] = groups.get(mesh.group, 0) + 1
-    ordered = sorted(groups, key=lambda group: hashlib.sha256(group.encode()).hexdigest())
-    chosen: set[str] = set()
-    count = 0
-    for group in ordered:
-        if count >= share * len(meshes):
+        counts = sources.setdefault(mesh.source, {})
+        counts[mesh.group] = counts.get(mesh.group, 0) + 1
+    pools = [counts for counts in sources.values() if len(counts) > 1]
+    pools.append({group: n for counts in sources.values() if len(counts) == 1 for group, n in counts.items()})
+    return {group for counts in pools for group in _drawn(counts, share)}
+
+
+def _drawn(counts: dict[str, int], share: float) -> list[str]:
+    """The groups of one source that are held out."""
+    chosen: list[str] = []
+    for group in sorted(counts, key=lambda group: hashlib.sha256(group.encode()).hexdigest()):
+        if sum(counts[g] for g in chosen) >= share * sum(counts.values()):
             break
-        chosen.add(group)
-        count += groups[group]
+        chosen.append(group)
     return chosen

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from factors.decoder import Decoder
+from factors.sdf_decoder import SdfDecoder
 from objgraph.errors import SolveError
 from objgraph.mesh import extract_mesh
 
@@ -17,11 +17,12 @@ from objgraph.mesh import extract_mesh
 class ShapePrior:
     """What the back-end knows of a category before it sees an object.
 
-    Canonical frame: y up, front at -z, bounding box centred, its diagonal 1 (ShapeNetCore.v2's axes).
+    Canonical frame: y up, front at -z, bounding box centred (ShapeNetCore.v2's axes), its diagonal 1 or, with a
+    `box`, its edges those of the box.
     """
 
     category: str
-    decoder: Decoder
+    decoder: SdfDecoder
     code_mean: Float[np.ndarray, "l"]
     code_covariance: Float[np.ndarray, "l l"]
     """Empirical covariance of the training codes."""
@@ -35,6 +36,16 @@ class ShapePrior:
     """The model card: data, licences, frame, training settings, measured errors, hash."""
     prototypes: Float[np.ndarray, "k l"] | None = None
     """Codes of typical training shapes that differ: where a fit may start beside the mean."""
+    anisotropy_sigma: float | None = None
+    """Standard deviation of each axis' log-scale about their mean; None leaves it to the graph's settings."""
+    box: Float[np.ndarray, "3"] | None = None
+    """Edges of the box that every shape is stretched to in the decoder's frame (`BoxFrame`); None where the
+    decoder takes coordinates of diagonal 1 as they are."""
+
+    @property
+    def is_fallback(self) -> bool:
+        """Whether it only stands in for a category of which no shapes were learnt."""
+        return "fallback" in self.card
 
     @cached_property
     def starts(self) -> Float[np.ndarray, "k l"]:

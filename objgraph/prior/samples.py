@@ -47,6 +47,8 @@ class SdfSamples:
     name: str
     points: Float[np.ndarray, "n 3"]
     sdf: Float[np.ndarray, "n"]
+    extents: Float[np.ndarray, "3"]
+    """Edges of the shape's bounding box, whose diagonal is 1."""
     surface: Float[np.ndarray, "m 3"] | None = None
     """Points uniform by area on the outer surface, where the shape is measured against."""
 
@@ -70,7 +72,9 @@ def sample_solid(solid: Solid, config: SampleConfig, seed: int, measured: bool =
     if not (sdf < 0).any():
         raise PriorError(f"mesh {solid.name}: no sample is inside, its surface is not closed")
     on_it = surface_points(solid, distance, SURFACE_POINTS, rng, area_power=1.0) if measured else None
-    return SdfSamples(solid.name, points, sdf, None if on_it is None else on_it.astype(np.float32))
+    return SdfSamples(
+        solid.name, points, sdf, solid.extents, None if on_it is None else on_it.astype(np.float32)
+    )
 
 
 def surface_points(
@@ -105,7 +109,7 @@ def save_samples(samples: SdfSamples, path: Path) -> None:
     """Write atomically."""
     path.parent.mkdir(parents=True, exist_ok=True)
     temporary = path.with_suffix(f".{os.getpid()}.tmp")
-    tensors = {"points": samples.points, "sdf": samples.sdf}
+    tensors = {"points": samples.points, "sdf": samples.sdf, "extents": samples.extents}
     if samples.surface is not None:
         tensors["surface"] = samples.surface
     save_file(tensors, temporary)
@@ -118,7 +122,7 @@ def load_samples(path: Path, name: str) -> SdfSamples | None:
         return None
     try:
         tensors = load_file(path)
-        return SdfSamples(name, tensors["points"], tensors["sdf"], tensors.get("surface"))
+        return SdfSamples(name, tensors["points"], tensors["sdf"], tensors["extents"], tensors.get("surface"))
     except (SafetensorError, KeyError):
         log.warning("%s is damaged: its samples are drawn again", path)
         return None

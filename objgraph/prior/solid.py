@@ -50,6 +50,12 @@ class Solid:
         """The meshes whose faces the solid's surface is made of."""
         return (*self.closed, *(shell.original for shell in self.shells), *self.sheets)
 
+    @property
+    def extents(self) -> Float[np.ndarray, "3"]:
+        """Edges of its bounding box."""
+        bounds = np.array([mesh.bounds for mesh in self.surfaces])
+        return bounds[:, 1].max(0) - bounds[:, 0].min(0)
+
     def warped(self, warp: Callable[[Float[np.ndarray, "v 3"]], Float[np.ndarray, "v 3"]]) -> "Solid":
         """The solid with its vertices moved, then centred and brought back to a box diagonal of 1."""
         bounds = np.array([_box_of(warp(np.asarray(mesh.vertices))) for mesh in self.surfaces])

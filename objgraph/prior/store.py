@@ -10,7 +10,10 @@ import torch
 from torch import Tensor
 
 from factors.decoder import Decoder, DecoderConfig
+from factors.deepsdf import DeepSdfConfig, DeepSdfDecoder
 from factors.errors import FactorError
+from factors.sdf_decoder import SdfDecoder
+from factors.superquadric import Superquadric, SuperquadricConfig
 from objgraph.errors import PriorError
 from objgraph.prior.checkpoint import load_tensors, save_tensors
 from objgraph.prior.prior import ShapePrior
@@ -18,6 +21,7 @@ from objgraph.prior.prior import ShapePrior
 FORMAT = "objgraph-prior-1"
 FRAME = "y up, front at -z, bounding box centred (ShapeNetCore.v2's axes)"
 SCALE = "bounding-box diagonal 1; distances in the same unit, negative inside"
+BOX_SCALE = "every shape stretched to one box (tensor `box`); distances before the stretch, in box diagonals"
 
 
 def save_prior(prior: ShapePrior, path: Path) -> None:
@@ -27,15 +31,18 @@ def save_prior(prior: ShapePrior, path: Path) -> None:
     tensors["code_covariance"] = torch.from_numpy(np.asarray(prior.code_covariance, np.float64))
     if prior.prototypes is not None:
         tensors["prototypes"] = torch.from_numpy(np.asarray(prior.prototypes, np.float64))
+    if prior.box is not None:
+        tensors["box"] = torch.from_numpy(np.asarray(prior.box, np.float64))
     header = {
         "format": FORMAT,
         "category": prior.category,
         "frame": FRAME,
-        "scale": SCALE,
-        "decoder": asdict(prior.decoder.config),
+        "scale": SCALE if prior.box is None else BOX_SCALE,
+        "decoder": _decoder_header(prior.decoder),
         "residual_sigma": prior.residual_sigma,
         "size_mean": prior.size_mean,
         "size_log_sigma": prior.size_log_sigma,
+        **({} if prior.anisotropy_sigma is None else {"anisotropy_sigma": prior.anisotropy_sigma}),
         "sha256": digest(tensors),
         "card": {k: v for k, v in prior.card.items() if k not in _HEADER},
     }
@@ -56,21 +63,24 @@ def load_prior_file(path: Path) -> ShapePrior:
     if digest(tensors) != header.get("sha256"):
         raise PriorError(f"{path} is damaged: its tensors do not have the hash that its card gives")
     try:
-        config = DecoderConfig(**header["decoder"])
-        decoder = Decoder(config)
+        decoder = _decoder_of(header["decoder"])
         prefix = "decoder."
         decoder.load_state_dict(
             {k.removeprefix(prefix): v for k, v in tensors.items() if k.startswith(prefix)}
         )
         mean, covariance = tensors["code_mean"].numpy(), tensors["code_covariance"].numpy()
         prototypes = tensors["prototypes"].numpy() if "prototypes" in tensors else None
+        box = tensors["box"].numpy() if "box" in tensors else None
         numbers = [float(header[key]) for key in ("residual_sigma", "size_mean", "size_log_sigma")]
+        anisotropy = float(header["anisotropy_sigma"]) if "anisotropy_sigma" in header else None
         card = {**header["card"], **{key: header[key] for key in _HEADER}}
         category = str(header["category"])
     except (KeyError, TypeError, ValueError, RuntimeError, FactorError) as error:
         raise PriorError(f"{path} is no usable shape prior: {error}") from error
-    length = config.code_length
+    length = decoder.code_length
     fit = mean.shape == (length,) and covariance.shape == (length, length)
+    if box is not None and (box.shape != (3,) or not (box > 0).all()):
+        raise PriorError(f"{path}: the box {box} is not three positive edges")
     if not fit or (prototypes is not None and prototypes.shape[1:] != (length,)):
         raise PriorError(
             f"{path}: code statistics of shapes {mean.shape} and {covariance.shape} do not fit a decoder of "
@@ -80,13 +90,41 @@ def load_prior_file(path: Path) -> ShapePrior:
         mean,
         covariance,
         *([] if prototypes is None else [prototypes]),
+        *([] if box is None else [box]),
         numbers,
+        [] if anisotropy is None else [anisotropy],
         *(value.numpy() for value in decoder.state_dict().values()),
     ]
     if not all(np.isfinite(array).all() for array in arrays):
         raise PriorError(f"{path}: a weight or statistic is not finite")
     decoder.requires_grad_(False).eval()
-    return ShapePrior(category, decoder, mean, covariance, *numbers, card=card, prototypes=prototypes)
+    return ShapePrior(
+        category,
+        decoder,
+        mean,
+        covariance,
+        *numbers,
+        card=card,
+        prototypes=prototypes,
+        anisotropy_sigma=anisotropy,
+        box=box,
+    )
+
+
+def _decoder_header(decoder: SdfDecoder) -> dict[str, Any]:
+    """The decoder's kind and configuration."""
+    for kind, (network, _) in _DECODERS.items():
+        if isinstance(decoder, network):
+            return {"kind": kind, **asdict(decoder.config)}
+    raise PriorError(f"a {type(decoder).__name__} cannot be saved; known are {', '.join(_DECODERS)}")
+
+
+def _decoder_of(header: dict[str, Any]) -> SdfDecoder:
+    """The decoder, with weights of its own, that a header describes; a header without a kind is of the first."""
+    kind, *_ = _DECODERS
+    settings = {key: tuple(v) if isinstance(v, list) else v for key, v in header.items() if key != "kind"}
+    network, config = _DECODERS[header.get("kind", kind)]
+    return network(config(**settings))
 
 
 def digest(tensors: dict[str, Tensor]) -> str:
@@ -104,4 +142,9 @@ def card_of(path: Path) -> dict[str, Any]:
     return load_prior_file(path).card
 
 
+_DECODERS = {
+    "smooth": (Decoder, DecoderConfig),
+    "deepsdf": (DeepSdfDecoder, DeepSdfConfig),
+    "superquadric": (Superquadric, SuperquadricConfig),
+}
 _HEADER = ("format", "frame", "scale", "decoder", "sha256")

@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import torch
@@ -16,6 +17,7 @@ from torch import Tensor
 
 from factors.decoder import Decoder, DecoderConfig
 from objgraph.errors import PriorError
+from objgraph.prior.box_frame import BoxFrame
 from objgraph.prior.checkpoint import AutoDecoder, load_tensors, pack, save_tensors, unpack
 from objgraph.prior.corpus import Corpus, CorpusConfig
 from objgraph.prior.samples import SampleConfig, SdfSamples
@@ -39,14 +41,19 @@ class TrainConfig:
     """The shapes."""
     samples: SampleConfig = field(default_factory=SampleConfig)
     """Where their distances are sampled."""
-    steps: int = 23_000
+    normalisation: Literal["box", "diagonal"] = "box"
+    """The decoder's frame: every shape stretched to the category's typical box, so that the object's scales carry
+    its extents alone, or the shape's own box of diagonal 1."""
+    steps: int = 40_000
     """Optimiser steps; may be raised or lowered between resumed runs."""
-    shapes_per_step: int = 128
+    shapes_per_step: int = 96
     """Shapes in a batch."""
     points_per_shape: int = 20
     """Samples of each of them."""
     learning_rate: float = 1e-3
-    """Adam's step for the network and for the codes."""
+    """Adam's step for the network."""
+    code_learning_rate: float = 1e-2
+    """Adam's step for the codes, which see fewer steps than the network does."""
     warmup: int = 200
     """Steps over which the learning rate rises from zero."""
     cooldown: float = 0.45
@@ -80,6 +87,8 @@ class Trained:
 
     decoder: Decoder
     codes: Float[np.ndarray, "s l"]
+    box: BoxFrame | None
+    """The frame that the shapes were stretched to."""
     step: int
     loss: float
 
@@ -117,14 +126,16 @@ def train(config: TrainConfig, corpus: Corpus, progress: Progress | None = None)
 
 
 def _train(config: TrainConfig, corpus: Corpus, progress: Progress | None) -> Trained:
-    points, sdf = _stack(corpus.training)
+    points, sdf = _stack(corpus.training, _box(config, corpus))
     model, optimizer = _model(config, len(sdf))
     path = checkpoint_path(config)
     step, mean = _resume(config, path, model, optimizer)
     saved = time.monotonic()
     while step < config.steps:
-        for group in optimizer.param_groups:
-            group["lr"] = learning_rate(config, step)
+        for group, rate in zip(
+            optimizer.param_groups, (config.learning_rate, config.code_learning_rate), strict=True
+        ):
+            group["lr"] = rate * schedule(config, step)
         batch, owner, batch_points, batch_sdf = _batch(config, step, points, sdf)
         optimizer.zero_grad(set_to_none=True)
         codes = model.codes[batch]
@@ -146,21 +157,21 @@ def _train(config: TrainConfig, corpus: Corpus, progress: Progress | None) -> Tr
             saved = time.monotonic()
         if progress is not None:
             progress(step, mean)
-    return _trained(config, model, step, mean)
+    return _trained(config, corpus, model, step, mean)
 
 
-def load_trained(config: TrainConfig, shapes: int) -> Trained:
+def load_trained(config: TrainConfig, corpus: Corpus) -> Trained:
     """The averaged weights of a training's checkpoint, finished or not.
 
     Raises:
         PriorError: there is no checkpoint of this training.
     """
-    model, optimizer = _model(config, shapes)
+    model, optimizer = _model(config, len(corpus.training))
     path = checkpoint_path(config)
     if not path.is_file():
         raise PriorError(f"{path} does not exist: this category has not been trained in that folder")
     step, mean = _resume(config, path, model, optimizer)
-    return _trained(config, model, step, mean)
+    return _trained(config, corpus, model, step, mean)
 
 
 def sdf_loss(
@@ -171,15 +182,25 @@ def sdf_loss(
     return (weight * (prediction - sdf).abs()).mean()
 
 
-def learning_rate(config: TrainConfig, step: int) -> float:
-    """Linear rise, plateau, linear fall to a fiftieth."""
+def schedule(config: TrainConfig, step: int) -> float:
+    """Share of the learning rates at a step: linear rise, plateau, linear fall to a fiftieth."""
     rise = min(1.0, (step + 1) / max(config.warmup, 1))
     left = (config.steps - step) / max(config.cooldown * config.steps, 1.0)
-    return config.learning_rate * rise * min(1.0, max(left, 0.02))
+    return rise * min(1.0, max(left, 0.02))
 
 
-def _stack(shapes: tuple[SdfSamples, ...]) -> tuple[Float[Tensor, "s n 3"], Float[Tensor, "s n"]]:
+def _box(config: TrainConfig, corpus: Corpus) -> BoxFrame | None:
+    if config.normalisation == "diagonal":
+        return None
+    return BoxFrame.of(np.stack([shape.extents for shape in corpus.training]))
+
+
+def _stack(
+    shapes: tuple[SdfSamples, ...], box: BoxFrame | None
+) -> tuple[Float[Tensor, "s n 3"], Float[Tensor, "s n"]]:
     points = np.stack([shape.points for shape in shapes])
+    if box is not None:
+        points /= np.stack([box.stretch(shape.extents) for shape in shapes]).astype(np.float32)[:, None]
     sdf = np.stack([shape.sdf for shape in shapes])
     return torch.from_numpy(points), torch.from_numpy(sdf)
 
@@ -201,7 +222,7 @@ def _model(config: TrainConfig, shapes: int) -> tuple[AutoDecoder, torch.optim.O
     model = AutoDecoder(
         _decoder(config), shapes, config.decoder.code_length, config.seed, config.average_decay
     )
-    return model, torch.optim.Adam(model.parameters(), lr=config.learning_rate)
+    return model, torch.optim.Adam([{"params": model.decoder.parameters()}, {"params": [model.codes]}])
 
 
 def _decoder(config: TrainConfig) -> Decoder:
@@ -238,10 +259,10 @@ def _save(
     save_tensors(pack(model, optimizer), state, path)
 
 
-def _trained(config: TrainConfig, model: AutoDecoder, step: int, loss: float) -> Trained:
+def _trained(config: TrainConfig, corpus: Corpus, model: AutoDecoder, step: int, loss: float) -> Trained:
     average = model.averaged()
     decoder = _decoder(config)
     prefix = "decoder."
     decoder.load_state_dict({k.removeprefix(prefix): v for k, v in average.items() if k.startswith(prefix)})
     decoder.requires_grad_(False).eval()
-    return Trained(decoder, average["codes"].numpy().copy(), step, loss)
+    return Trained(decoder, average["codes"].numpy().copy(), _box(config, corpus), step, loss)

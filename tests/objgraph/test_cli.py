@@ -1,8 +1,13 @@
 """The command line: what the user can mend is one line and the status 1, never a traceback."""
 
+import json
+
 import pytest
 
 from objgraph.cli import main
+from objgraph.prior.fallback import fallback_prior
+from objgraph.prior.registry import WEIGHTS, available_priors
+from objgraph.prior.store import save_prior
 
 
 @pytest.mark.parametrize(
@@ -45,8 +50,11 @@ def test_an_unknown_scene_names_those_there_are(shared_data, tmp_path, capsys):
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        ([], ["map", "train"]),
+        ([], ["map", "train", "convert-prior", "priors"]),
         (["map"], ["--dataset", "--out", "--root", "--scene", "--views", "Views of each object."]),
+        (["map"], ["--categories", "--priors"]),
+        (["convert-prior"], ["--source", "--category", "--out", "--checkpoint", "--canonical-scale"]),
+        (["priors"], ["PATH", "--json"]),
         (["train"], ["--category"]),
     ],
 )
@@ -66,3 +74,50 @@ def test_a_word_it_does_not_know_is_a_usage_error(arguments, capsys):
     assert caught.value.code not in (0, None)
     printed = capsys.readouterr()
     assert "Traceback" not in printed.out + printed.err
+
+
+def test_priors_are_listed_for_people_and_for_programs(tmp_path, capsys):
+    save_prior(fallback_prior("sofa"), tmp_path / "own" / "sofa.safetensors")
+    (tmp_path / "own" / "junk.safetensors").write_bytes(b"junk")
+    path = tmp_path / "list" / "priors.json"
+    assert main(["priors", str(tmp_path / "own"), "--json", str(path)]) == 0
+    printed = capsys.readouterr().out
+    entries = {entry["category"]: entry for entry in json.loads(path.read_text())["priors"]}
+    assert set(entries) == {*available_priors(), "sofa"}
+    for category in entries:
+        assert category in printed
+    chair = entries["chair"]
+    assert chair["shipped"]
+    assert "armchair" in chair["aliases"]
+    assert chair["bytes"] == (WEIGHTS / "chair.safetensors").stat().st_size
+    assert chair["code_length"] == 64
+    assert 0 < chair["heldout_chamfer"] < 0.05
+    assert chair["training_shapes"] > 100
+    sofa = entries["sofa"]
+    assert not sofa["shipped"]
+    assert (sofa["code_length"], sofa["network"], sofa["training_shapes"]) == (3, "superquadric", None)
+    assert [item.name for item in path.parent.iterdir()] == ["priors.json"]
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["priors", "{}/absent.safetensors"],
+        ["convert-prior", "--source", "{}", "--category", "sofa", "--out", "{}/sofa.safetensors"],
+        ["convert-prior", "--source", "{}", "--category", "sofa", "--out", "{}/sofa.pth"],
+    ],
+)
+def test_a_prior_that_is_none_is_one_line(arguments, tmp_path, capsys):
+    assert main([argument.replace("{}", str(tmp_path)) for argument in arguments]) == 1
+    printed = capsys.readouterr().out
+    assert printed.startswith("error: ")
+    assert str(tmp_path) in printed
+    assert printed.count("\n") == 1
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_category_that_the_scan_has_not_is_named(shared_data, tmp_path, capsys):
+    arguments = ["map", "--dataset", "scannet", "--root", str(shared_data / "scannet")]
+    assert main([*arguments, "--categories", "zebra", "--out", str(tmp_path / "out")]) == 1
+    printed = capsys.readouterr().out
+    assert "scene0470_00 has no object of zebra; its categories: chair, table, trash can" in printed

@@ -48,15 +48,28 @@ def test_frames_are_read_in_metres_at_the_depth_resolution(tmp_path):
 
 def test_labels_become_categories(tmp_path, caplog):
     folder = write_exported_scan(tmp_path)
+    scan = load_scan("scannet", tmp_path)
+    assert scan.instances == (Instance(1, "chair"), Instance(2, "trash can"), Instance(3, "table"))
     with caplog.at_level(logging.INFO):
-        scan = load_scan("scannet", tmp_path)
-    assert scan.instances == (Instance(1, "chair"), Instance(3, "table"))
+        scan = load_scan("scannet", tmp_path, categories={"office chair": "chair"})
+    assert scan.instances == (Instance(1, "chair"),)
+    assert "left out, no category for their labels: " in caplog.text
     assert "trash can" in caplog.text
     scan = load_scan("scannet", tmp_path, categories={"trash can": "bin"})
     assert scan.instances == (Instance(2, "bin"),)
     (folder / f"{SCENE}.aggregation.json").unlink()
     write_labels(folder, "_vh_clean")
-    assert len(load_scan("scannet", tmp_path).instances) == 2
+    assert len(load_scan("scannet", tmp_path).instances) == 3
+
+
+def test_the_room_itself_is_no_object(tmp_path):
+    folder = write_exported_scan(tmp_path)
+    labels = {0: "wall", 1: "recycling bin", 2: "floor", 3: "piano"}
+    groups = [{"id": k, "objectId": k, "segments": [k], "label": label} for k, label in labels.items()]
+    write_bytes(folder / f"{SCENE}.aggregation.json", json.dumps({"segGroups": groups}).encode())
+    assert load_scan("scannet", tmp_path).instances == (Instance(2, "trash can"), Instance(4, "piano"))
+    wall = load_scan("scannet", tmp_path, categories={"wall": "wall"})
+    assert wall.instances == (Instance(1, "wall"),)
 
 
 def test_masks_of_the_colour_camera_are_resized(tmp_path):
@@ -256,7 +269,15 @@ def test_the_real_scan(shared_data):
     scan = load_scan("scannet", shared_data / "scannet", "scene0470_00")
     assert len(scan.frames) == 48
     categories = {instance.id: instance.category for instance in scan.instances}
-    assert categories == {2: "chair", 3: "chair", 4: "chair", 5: "chair", 6: "table", 7: "chair"}
+    assert categories == {
+        1: "trash can",
+        2: "chair",
+        3: "chair",
+        4: "chair",
+        5: "chair",
+        6: "table",
+        7: "chair",
+    }
     frame = scan.frames[0]
     assert 0.5 < np.median(frame.depth[frame.depth > 0]) < 4
     assert set(np.unique(frame.instances)) <= set(range(8))

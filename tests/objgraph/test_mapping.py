@@ -19,7 +19,7 @@ from objgraph.initialise import InitialisationConfig, single_object_graph
 from objgraph.map import ObjectMap
 from objgraph.mapping import MappingConfig, map_object, map_scan, scene_points
 from objgraph.observation import GroundTruth, Instance, Scan
-from objgraph.prior.registry import load_prior
+from objgraph.prior.registry import prior_for
 from objgraph.sampling import SamplingConfig, observe
 from objgraph.solve import SolverConfig
 from tests.toys import INTRINSICS, ListedFrames, ToyDecoder, toy_frame, toy_mesh, toy_prior, toy_state
@@ -53,7 +53,7 @@ def chair(instance: int) -> ObjectState:
 
 
 def toy_scan() -> Scan:
-    """Two chairs, one object that no pixel shows, one that nobody has a prior for, one of a handful of pixels."""
+    """Two chairs, one object that no pixel shows, one that has no depth, one of a handful of pixels."""
     states = [chair(1), chair(2)]
     frames = [toy_frame(states, azimuth, f"f{i}", seed=i) for i, azimuth in enumerate((0.9, 1.7, 2.4))]
     for frame in frames:
@@ -66,8 +66,8 @@ def toy_scan() -> Scan:
     return Scan("two chairs", ListedFrames(frames), tuple(instances), UP, Secret())
 
 
-def toy_priors(category: str):
-    return toy_prior() if category == "chair" else load_prior(category)
+def toy_priors(category: str, given=()):
+    return toy_prior() if category == "chair" else prior_for(category)
 
 
 def truths() -> dict[int, GroundTruth]:
@@ -88,7 +88,7 @@ def told() -> list:
 @pytest.fixture(scope="module")
 def toy_map(told) -> ObjectMap:
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(mapping, "load_prior", toy_priors)
+        patch.setattr(mapping, "prior_for", toy_priors)
         return map_scan(toy_scan(), CONFIG, lambda what, done, total: told.append((what, done, total)))
 
 
@@ -117,7 +117,7 @@ def test_the_failures_say_why_and_the_map_is_whole(toy_map):
     assert "instance 4" in reasons[4]
     assert "no frame has mask pixels" in reasons[4]
     assert "chair 6: no view can be used: frame f0, object 6: 4 mask pixels" in reasons[6]
-    assert "grand piano" in reasons[5]
+    assert "instance 5: no frame has mask pixels of it with depth" in reasons[5]
     for instance in (4, 5, 6):
         assert entry(toy_map, instance).T_world_object is None
         assert entry(toy_map, instance).vertices is None

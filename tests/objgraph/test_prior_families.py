@@ -19,6 +19,13 @@ WITH_BACK = [
     "pedestal",
     "cantilever",
     "lounge_frame",
+    "bent_shell",
+    "zigzag",
+    "chunky",
+    "block_armchair",
+    "slatted",
+    "wooden_lounge",
+    "parsons",
 ]
 
 
@@ -43,7 +50,56 @@ def test_backrest_is_at_positive_z(name: str) -> None:
         assert top[:, 2].mean() > 0.05
 
 
-@pytest.mark.parametrize("name", list(FAMILIES["table"]))
+STOOLS = ["legged_stool", "bent_leg_stool", "crossed_stool", "block_stool", "bar_cluster"]
+
+
+@pytest.mark.parametrize("name", STOOLS)
+def test_stool_has_nothing_above_its_seat(name: str) -> None:
+    for seed in range(5):
+        mesh = FAMILIES["chair"][name](np.random.default_rng(seed))
+        top = highest_points(mesh, 0.05)
+        # the seat is highest, wide in both directions and centred on the legs
+        assert (np.ptp(top[:, [0, 2]], axis=0) > 0.4 * mesh.extents[[0, 2]]).all()
+        assert np.abs(top.mean(0)[[0, 2]]).max() < 0.05
+
+
+@pytest.mark.parametrize("category", ["chair", "table"])
+def test_draw_reaches_every_family(category: str) -> None:
+    names = {name.split("/")[1].rsplit("_", 2)[0] for name, _ in draw(category, 260, seed=3)}
+    assert len(names) > 0.9 * len(FAMILIES[category])
+    assert names <= set(FAMILIES[category])
+
+
+@pytest.mark.parametrize("name", list(FAMILIES["car"]))
+def test_car_is_long_symmetrical_and_has_its_cabin_behind_the_bonnet(name: str) -> None:
+    roofs = []
+    for seed in range(5):
+        mesh = FAMILIES["car"][name](np.random.default_rng(seed))
+        width, height, length = mesh.extents
+        assert length > width
+        assert length > height
+        wheels = [part for part in mesh.split() if part.bounds[0, 1] < mesh.bounds[0, 1] + 1e-3]
+        assert len(wheels) == 4
+        assert sum(part.centroid[2] < 0 for part in wheels) == 2
+        assert sum(part.centroid[0] < 0 for part in wheels) == 2
+        hull, image = mesh.convex_hull, mesh.convex_hull
+        image.vertices = image.vertices * [-1, 1, 1]
+        assert_allclose(np.sort(hull.vertices[:, 0]), np.sort(image.vertices[:, 0]), atol=0.02)
+        body = max(mesh.split(), key=lambda part: part.extents[2])
+        points = np.concatenate([part.vertices for part in mesh.split() if part is not body])
+        roofs.append(points[points[:, 1] > mesh.bounds[1, 1] - 0.1 * height][:, 2].mean())
+    # a bonnet is longer than a boot, and the bed of a pick-up longer than both
+    assert np.mean(roofs) < 0 if name == "pickup" else np.mean(roofs) > -0.03
+
+
+def test_cars_parts_are_few_and_their_shapes_many() -> None:
+    cars = [mesh for _, mesh in draw("car", 40, seed=1)]
+    assert max(len(mesh.split()) for mesh in cars) <= 25
+    extents = np.stack([mesh.extents for mesh in cars])
+    assert (extents.std(0) > [0.02, 0.03, 0.02]).all()
+
+
+@pytest.mark.parametrize("name", [name for name in FAMILIES["table"] if name != "tower"])
 def test_table_is_a_plate_on_something(name: str) -> None:
     mesh = FAMILIES["table"][name](np.random.default_rng(3))
     points = trimesh.sample.sample_surface(mesh, 20_000, seed=0)[0]

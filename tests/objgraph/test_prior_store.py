@@ -16,7 +16,7 @@ from factors.errors import FactorError
 from objgraph.errors import PriorError
 from objgraph.prior.prior import ShapePrior
 from objgraph.prior.registry import ALIASES, WEIGHTS, available_priors, load_prior
-from objgraph.prior.size import FURNITURE, size_statistics
+from objgraph.prior.size import USUAL, size_statistics
 from objgraph.prior.store import digest, save_prior
 
 
@@ -146,10 +146,12 @@ def test_aliases_lead_to_shipped_priors() -> None:
 
 def test_size_statistics() -> None:
     mean, sigma, _ = size_statistics("chair", [])
-    assert (mean, sigma) == pytest.approx(FURNITURE["chair"])
+    assert (mean, sigma) == pytest.approx(USUAL["chair"])
     mean, sigma, _ = size_statistics(
         "lamp", [(1.0, 0.0, 0.0), (0.5, 0.0, 0.0), (2.0, 0.0, 0.0), (90.0, 0.0, 0.0)]
     )
     assert mean == pytest.approx(1.0)
     assert sigma == pytest.approx(np.log(2) * np.sqrt(2 / 3))
     assert size_statistics("lamp", [])[1] >= 0.5
+    # a model car of half a metre says nothing about cars
+    assert size_statistics("car", [(0.2, 0.2, 0.4)])[:2] == pytest.approx(USUAL["car"])

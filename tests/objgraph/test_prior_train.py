@@ -11,17 +11,21 @@ import numpy as np
 import pytest
 import torch
 import trimesh
-from numpy.testing import assert_array_equal
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.testing import assert_allclose, assert_array_equal
 
 from factors.decoder import DecoderConfig
 from objgraph.errors import PriorError
 from objgraph.prior.corpus import Corpus, CorpusConfig, build_corpus
 from objgraph.prior.export import attribution, export_command, train_command
-from objgraph.prior.fit import fit_error
-from objgraph.prior.index import heldout_groups, read_index
+from objgraph.mesh import extract_mesh
+from objgraph.prior.fit import code_statistics, fit_error
+from objgraph.prior.index import CadMesh, heldout_groups, read_index
+from objgraph.prior.prior import ShapePrior
 from objgraph.prior.registry import load_prior
 from objgraph.prior.samples import SampleConfig, SdfSamples
-from objgraph.prior.train import TrainConfig, checkpoint_path, learning_rate, load_trained, train
+from objgraph.prior.train import TrainConfig, Trained, checkpoint_path, load_trained, schedule, train
 
 
 def ball(radius: float, seed: int, count: int = 1500) -> SdfSamples:
@@ -36,7 +40,7 @@ def ball(radius: float, seed: int, count: int = 1500) -> SdfSamples:
     points = np.concatenate([near, rng.uniform(-0.6, 0.6, (count, 3))]).astype(np.float32)
     sdf = (np.linalg.norm(points, axis=1) - radius).astype(np.float32)
     surface = (radius * outward / np.linalg.norm(outward, axis=1, keepdims=True)).astype(np.float32)
-    return SdfSamples(f"ball{radius}", points, sdf, surface)
+    return SdfSamples(f"ball{radius}", points, sdf, np.full(3, 2 * radius), surface)
 
 
 BALLS = Corpus(tuple(ball(r, i) for i, r in enumerate(np.linspace(0.2, 0.45, 8))), (), (), (), {})
@@ -48,6 +52,7 @@ def config(tmp_path: Path) -> TrainConfig:
         category="chair",
         out=tmp_path,
         decoder=DecoderConfig(code_length=4, width=32, depth=3, skip=1),
+        normalisation="diagonal",
         steps=12,
         shapes_per_step=4,
         points_per_shape=16,
@@ -66,12 +71,47 @@ def test_loss_falls_and_an_unseen_size_is_found(config: TrainConfig) -> None:
     losses: list[float] = []
     trained = train(config, BALLS, lambda _, loss: losses.append(loss))
     assert losses[-1] < 0.5 * losses[0]
-    error = fit_error(
-        trained.decoder, ball(0.33, 99), trained.codes.mean(0), np.cov(trained.codes, rowvar=False), 48
-    )
+    error = fit_error(prior_of(trained), ball(0.33, 99), 48)
     assert error.chamfer < 0.06
-    assert error.surface_sigma < 0.03
+    assert error.bands["0-0.005"] < 0.03
     assert 0.7 < error.gradient_median < 1.3
+
+
+def test_in_the_box_frame_all_balls_are_one(config: TrainConfig) -> None:
+    corpus = replace(BALLS, training=tuple(squeezed(ball(0.3, i), i) for i in range(8)))
+    config = replace(config, normalisation="box", steps=600, points_per_shape=64, cooldown=0.5)
+    trained = train(config, corpus)
+    assert trained.box is not None
+    assert np.linalg.norm(trained.box.extents) == pytest.approx(1)
+    assert trained.box.anisotropy_sigma > 0.05
+    prior = prior_of(trained)
+    unseen = squeezed(ball(0.3, 99), 99)
+    decoded = extract_mesh(prior.decoder, prior.code_mean, 48)
+    assert_allclose(decoded.extents, trained.box.extents, atol=0.06)
+    assert fit_error(prior, unseen, 48).chamfer < 0.05
+
+
+def squeezed(shape: SdfSamples, seed: int) -> SdfSamples:
+    """A ball made an ellipsoid, with the distances near its surface to first order."""
+    factors = np.exp(np.random.default_rng(seed).uniform(-0.3, 0.3, 3)).astype(np.float32)
+    points = shape.points * factors
+    normal = shape.points / np.linalg.norm(shape.points, axis=1, keepdims=True) / factors
+    sdf = shape.sdf / np.linalg.norm(normal, axis=1)
+    assert shape.surface is not None
+    return SdfSamples(shape.name, points, sdf, shape.extents * factors, shape.surface * factors)
+
+
+def prior_of(trained: Trained) -> ShapePrior:
+    box = trained.box
+    return ShapePrior(
+        "ball",
+        trained.decoder,
+        *code_statistics(trained.codes),
+        residual_sigma=0.01,
+        size_mean=1.0,
+        size_log_sigma=0.2,
+        box=None if box is None else box.extents,
+    )
 
 
 def test_killed_training_resumes_with_the_same_result(config: TrainConfig, tmp_path: Path) -> None:
@@ -89,7 +129,7 @@ def test_killed_training_resumes_with_the_same_result(config: TrainConfig, tmp_p
     child.start()
     child.join()
     assert child.exitcode == -signal.SIGKILL
-    assert load_trained(config, 8).step == 7
+    assert load_trained(config, BALLS).step == 7
     resumed = train(config, BALLS)
     assert resumed.step == 12
     for ours, theirs in zip(weights(resumed), weights(whole), strict=True):
@@ -126,16 +166,16 @@ def test_nothing_to_train_on(config: TrainConfig) -> None:
     with pytest.raises(PriorError, match="no chair to train on"):
         train(config, replace(BALLS, training=()))
     with pytest.raises(PriorError, match="has not been trained in that folder"):
-        load_trained(config, 8)
+        load_trained(config, BALLS)
 
 
-def test_learning_rate_rises_stays_and_falls() -> None:
-    config = TrainConfig(steps=1000, warmup=100, cooldown=0.4, learning_rate=1.0)
-    rates = [learning_rate(config, step) for step in (0, 99, 500, 800, 999)]
-    assert rates[0] == pytest.approx(0.01)
-    assert rates[1:3] == [1.0, 1.0]
-    assert rates[3] == pytest.approx(0.5)
-    assert rates[4] == pytest.approx(0.02)
+def test_learning_rates_rise_stay_and_fall() -> None:
+    config = TrainConfig(steps=1000, warmup=100, cooldown=0.4)
+    shares = [schedule(config, step) for step in (0, 99, 500, 800, 999)]
+    assert shares[0] == pytest.approx(0.01)
+    assert shares[1:3] == [1.0, 1.0]
+    assert shares[3] == pytest.approx(0.5)
+    assert shares[4] == pytest.approx(0.02)
 
 
 @pytest.fixture
@@ -187,14 +227,43 @@ def test_meshes_to_prior(meshes: Path, config: TrainConfig) -> None:
     assert path.read_bytes() == first
 
 
-def test_groups_are_held_out_whole(meshes: Path) -> None:
-    entries = read_index(meshes, "table")
-    for share in (0.0, 0.3, 0.7):
-        held = heldout_groups(entries, share)
-        count = sum(entry.group in held for entry in entries)
-        assert count >= share * len(entries)
-        assert held == heldout_groups(entries[::-1], share)
+def collected(sources: dict[str, list[str]]) -> list[CadMesh]:
+    """Entries whose groups are given by source."""
+    return [
+        CadMesh(f"{source}/{i}.ply", f"{source}:{group}", "CC0-1.0", "", source, None)
+        for source, groups in sources.items()
+        for i, group in enumerate(groups)
+    ]
+
+
+@given(
+    st.dictionaries(
+        st.sampled_from("abcdef"),
+        st.lists(st.sampled_from("123456789"), min_size=1, max_size=12),
+        min_size=1,
+    ),
+    st.floats(0.05, 0.45),
+)
+def test_every_source_holds_out_its_share_by_whole_groups(sources: dict[str, list[str]], share: float) -> None:
+    entries = collected(sources)
+    held = heldout_groups(entries, share)
+    assert held == heldout_groups(entries[::-1], share)
+    for source in sources:
+        own = [entry for entry in entries if entry.source == source]
+        if len({entry.group for entry in own}) > 1:
+            assert sum(entry.group in held for entry in own) >= share * len(own)
     assert heldout_groups(entries, 0.0) == set()
+
+
+def test_validation_never_sees_what_is_held_out(meshes: Path, tmp_path: Path) -> None:
+    (meshes / "t4.ply").write_bytes((meshes / "t0.ply").read_bytes())
+    entries = read_index(meshes, "table")
+    held = heldout_groups(entries, 0.2)
+    settings = CorpusConfig(procedural=0, swaps=0, copies=0, validation=True)
+    corpus = build_corpus("table", meshes, settings, SampleConfig(count=600), tmp_path)
+    assert corpus.used
+    assert corpus.unseen
+    assert held.isdisjoint(entry.group for entry in corpus.used + corpus.unseen)
 
 
 @pytest.mark.parametrize(
@@ -208,7 +277,7 @@ def test_bad_index_is_named(tmp_path: Path, content: str | None) -> None:
 
 
 def test_unknown_category_needs_meshes(tmp_path: Path) -> None:
-    with pytest.raises(PriorError, match=r"'lamp' has no procedural family \(chair, table\)"):
+    with pytest.raises(PriorError, match=r"'lamp' has no procedural family \(chair, table, car\)"):
         build_corpus("lamp", None, CorpusConfig(), SampleConfig(), tmp_path)
 
 

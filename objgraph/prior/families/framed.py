@@ -1,4 +1,4 @@
-"""Chairs on one foot or on bent tubes: pedestal, cantilever, lounge."""
+"""Chairs on one foot or on bent tubes: pedestal, cantilever, lounge, folding."""
 
 import numpy as np
 import trimesh
@@ -117,4 +117,26 @@ def lounge_frame(rng: Generator) -> trimesh.Trimesh:
         np.full(6, inner), y - 0.1 + reach * v, z - 0.05 + slope * reach * v, t, rng.uniform(0, 0.04)
     )
     parts += [cushion, back, *mirrored([rod([x, r, z * 0.85], [x, y + height * 0.9, z * 0.75], r)])]
+    return canonical(parts)
+
+
+def folding_chair(rng: Generator) -> trimesh.Trimesh:
+    """Crossed side frames, a thin seat, and a short back."""
+    width, depth, y = rng.uniform(0.38, 0.48), rng.uniform(0.36, 0.44), rng.uniform(0.42, 0.47)
+    reach, r, x = rng.uniform(0.3, 0.42), rng.uniform(0.009, 0.016), width / 2
+    long_leg = smooth_path([[x, 0, -depth * 0.55], [x, y, depth * 0.35], [x, y + reach, depth * 0.55]], 0.05)
+    parts = mirrored([tube(long_leg, r), rod([x - 2 * r, 0, depth * 0.55], [x - 2 * r, y, -depth * 0.4], r)])
+    parts += [slab(outline(width - 4 * r, depth, 8.0), y - 0.02, y + rng.uniform(0, 0.03))]
+    parts += [
+        rod([-x, 0.1, -depth * 0.45], [x, 0.1, -depth * 0.45], r),
+        rod([-x, 0.1, depth * 0.42], [x, 0.1, depth * 0.42], r),
+    ]
+    height = rng.uniform(0.12, 0.9 * reach)
+    v = np.linspace(0, 1, 4)
+    z = depth * (0.35 + 0.2 * (reach - height * (1 - v)) / reach)
+    parts.append(
+        panel(
+            np.full(4, width), y + reach - height * (1 - v), z, rng.uniform(0.012, 0.03), rng.uniform(0, 0.02)
+        )
+    )
     return canonical(parts)

@@ -5,17 +5,7 @@ import trimesh
 from numpy.random import Generator
 
 from objgraph.prior.families.backs import backrest
-from objgraph.prior.families.parts import (
-    box,
-    canonical,
-    mirrored,
-    outline,
-    panel,
-    rod,
-    slab,
-    smooth_path,
-    tube,
-)
+from objgraph.prior.families.parts import box, canonical, mirrored, outline, panel, rod, slab
 
 Parts = list[trimesh.Trimesh]
 
@@ -143,26 +133,4 @@ def bench(rng: Generator) -> trimesh.Trimesh:
     parts += backrest(rng, width * 0.96, y - 0.02, reach, depth / 2 - 0.03, tilt=0.15)
     if rng.random() < 0.5:
         parts += wooden_arms(rng, width, depth, y)
-    return canonical(parts)
-
-
-def folding_chair(rng: Generator) -> trimesh.Trimesh:
-    """Crossed side frames, a thin seat, and a short back."""
-    width, depth, y = rng.uniform(0.38, 0.48), rng.uniform(0.36, 0.44), rng.uniform(0.42, 0.47)
-    reach, r, x = rng.uniform(0.3, 0.42), rng.uniform(0.009, 0.016), width / 2
-    long_leg = smooth_path([[x, 0, -depth * 0.55], [x, y, depth * 0.35], [x, y + reach, depth * 0.55]], 0.05)
-    parts = mirrored([tube(long_leg, r), rod([x - 2 * r, 0, depth * 0.55], [x - 2 * r, y, -depth * 0.4], r)])
-    parts += [slab(outline(width - 4 * r, depth, 8.0), y - 0.02, y + rng.uniform(0, 0.03))]
-    parts += [
-        rod([-x, 0.1, -depth * 0.45], [x, 0.1, -depth * 0.45], r),
-        rod([-x, 0.1, depth * 0.42], [x, 0.1, depth * 0.42], r),
-    ]
-    height = rng.uniform(0.12, 0.9 * reach)
-    v = np.linspace(0, 1, 4)
-    z = depth * (0.35 + 0.2 * (reach - height * (1 - v)) / reach)
-    parts.append(
-        panel(
-            np.full(4, width), y + reach - height * (1 - v), z, rng.uniform(0.012, 0.03), rng.uniform(0, 0.02)
-        )
-    )
     return canonical(parts)
