@@ -60,7 +60,7 @@ class AutoDecoder(torch.nn.Module):
         """Move the average towards the present weights; quickly at first."""
         decay = min(self.decay, (step + 1) / (step + 10))
         for name, value in self.named_parameters():
-            self.average[name].lerp_(value, 1 - decay)
+            self.average[name] = self.average[name].to(value).lerp_(value, 1 - decay)
 
     def averaged(self) -> dict[str, Tensor]:
         """The averaged weights, by parameter name (`decoder.*` and `codes`)."""

@@ -3,6 +3,7 @@
 import logging
 from collections.abc import Sequence
 from dataclasses import asdict, replace
+from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
@@ -94,6 +95,7 @@ def make_prior(config: TrainConfig, corpus: Corpus, trained: Trained) -> ShapePr
             "skipped": corpus.skipped,
         },
         "training": {
+            "made_with": f"objgraph {version('objgraph')}",
             "steps": trained.step,
             "loss": trained.loss,
             "settings": {k: v for k, v in asdict(config).items() if k not in {"meshes", "out"}},

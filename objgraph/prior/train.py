@@ -68,6 +68,10 @@ class TrainConfig:
     """Seed of weights, codes and batches."""
     threads: int = 1
     """CPU threads."""
+    device: str = "cpu"
+    """Torch device: cpu, cuda, cuda:1; a training may go on on another one, with results equal to rounding."""
+    bf16: bool = False
+    """Let the network compute in bfloat16; it helps on GPUs that have it, not on CPUs."""
     checkpoint_seconds: float = 60.0
     """Time between checkpoints."""
 
@@ -76,7 +80,7 @@ class TrainConfig:
         fixed = {
             key: value
             for key, value in asdict(self).items()
-            if key not in {"meshes", "out", "steps", "cooldown", "threads", "checkpoint_seconds"}
+            if key not in {"meshes", "out", "steps", "cooldown", "threads", "device", "bf16", "checkpoint_seconds"}
         }
         return hashlib.sha256(json.dumps(fixed, sort_keys=True, default=str).encode()).hexdigest()[:16]
 
@@ -126,7 +130,7 @@ def train(config: TrainConfig, corpus: Corpus, progress: Progress | None = None)
 
 
 def _train(config: TrainConfig, corpus: Corpus, progress: Progress | None) -> Trained:
-    points, sdf = _stack(corpus.training, _box(config, corpus))
+    points, sdf = (tensor.to(_device(config)) for tensor in _stack(corpus.training, _box(config, corpus)))
     model, optimizer = _model(config, len(sdf))
     path = checkpoint_path(config)
     step, mean = _resume(config, path, model, optimizer)
@@ -139,8 +143,9 @@ def _train(config: TrainConfig, corpus: Corpus, progress: Progress | None) -> Tr
         batch, owner, batch_points, batch_sdf = _batch(config, step, points, sdf)
         optimizer.zero_grad(set_to_none=True)
         codes = model.codes[batch]
-        prediction = model.decoder(batch_points, codes, owner)
-        loss = sdf_loss(prediction, batch_sdf, config.surface_scale)
+        with torch.autocast(points.device.type, torch.bfloat16, enabled=config.bf16):
+            prediction = model.decoder(batch_points, codes, owner)
+        loss = sdf_loss(prediction.float(), batch_sdf, config.surface_scale)
         (loss + config.code_penalty * codes.square().sum(1).mean()).backward()
         value = loss.item()
         if not np.isfinite(value):
@@ -211,9 +216,9 @@ def _batch(
     """The shapes and samples of a step, which its number and the seed decide alone."""
     rng = np.random.default_rng([config.seed, step])
     count = min(config.shapes_per_step, len(sdf))
-    batch = torch.from_numpy(rng.choice(len(sdf), count, replace=False))
-    row = torch.from_numpy(rng.integers(sdf.shape[1], size=(count, config.points_per_shape)))
-    owner = torch.arange(count).repeat_interleave(config.points_per_shape)
+    batch = torch.from_numpy(rng.choice(len(sdf), count, replace=False)).to(sdf.device)
+    row = torch.from_numpy(rng.integers(sdf.shape[1], size=(count, config.points_per_shape))).to(sdf.device)
+    owner = torch.arange(count, device=sdf.device).repeat_interleave(config.points_per_shape)
     pick = (batch[:, None], row)
     return batch, owner, points[pick].reshape(-1, 3), sdf[pick].reshape(-1)
 
@@ -222,7 +227,15 @@ def _model(config: TrainConfig, shapes: int) -> tuple[AutoDecoder, torch.optim.O
     model = AutoDecoder(
         _decoder(config), shapes, config.decoder.code_length, config.seed, config.average_decay
     )
+    model.to(_device(config))
     return model, torch.optim.Adam([{"params": model.decoder.parameters()}, {"params": [model.codes]}])
+
+
+def _device(config: TrainConfig) -> torch.device:
+    try:
+        return torch.empty(0, device=config.device).device
+    except (RuntimeError, AssertionError) as error:
+        raise PriorError(f"device {config.device!r} cannot be used, try cpu: {error}") from error
 
 
 def _decoder(config: TrainConfig) -> Decoder:
@@ -260,7 +273,7 @@ def _save(
 
 
 def _trained(config: TrainConfig, corpus: Corpus, model: AutoDecoder, step: int, loss: float) -> Trained:
-    average = model.averaged()
+    average = {name: value.cpu() for name, value in model.averaged().items()}
     decoder = _decoder(config)
     prefix = "decoder."
     decoder.load_state_dict({k.removeprefix(prefix): v for k, v in average.items() if k.startswith(prefix)})

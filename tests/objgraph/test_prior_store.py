@@ -123,7 +123,7 @@ def test_unknown_category_names_those_there_are() -> None:
 
 
 def test_shipped_priors() -> None:
-    assert available_priors() == ("chair", "table")
+    assert available_priors() == ("car", "chair", "table")
     for category in available_priors():
         prior = load_prior(category)
         assert prior.category == category

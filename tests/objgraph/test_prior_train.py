@@ -17,9 +17,9 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from factors.decoder import DecoderConfig
 from objgraph.errors import PriorError
+from objgraph.mesh import extract_mesh
 from objgraph.prior.corpus import Corpus, CorpusConfig, build_corpus
 from objgraph.prior.export import attribution, export_command, train_command
-from objgraph.mesh import extract_mesh
 from objgraph.prior.fit import code_statistics, fit_error
 from objgraph.prior.index import CadMesh, heldout_groups, read_index
 from objgraph.prior.prior import ShapePrior
@@ -162,6 +162,19 @@ def test_nan_stops_the_training_and_writes_nothing(config: TrainConfig) -> None:
     assert not list(config.out.iterdir())
 
 
+def test_bfloat16_learns_as_float32_does(config: TrainConfig) -> None:
+    config = replace(config, steps=100, points_per_shape=64)
+    whole = train(replace(config, out=config.out / "whole"), BALLS)
+    half = train(replace(config, bf16=True), BALLS)
+    assert half.loss != whole.loss
+    assert half.loss == pytest.approx(whole.loss, rel=0.05)
+
+
+def test_unusable_device_is_named(config: TrainConfig) -> None:
+    with pytest.raises(PriorError, match="device 'nowhere' cannot be used"):
+        train(replace(config, device="nowhere"), BALLS)
+
+
 def test_nothing_to_train_on(config: TrainConfig) -> None:
     with pytest.raises(PriorError, match="no chair to train on"):
         train(config, replace(BALLS, training=()))
@@ -244,7 +257,9 @@ def collected(sources: dict[str, list[str]]) -> list[CadMesh]:
     ),
     st.floats(0.05, 0.45),
 )
-def test_every_source_holds_out_its_share_by_whole_groups(sources: dict[str, list[str]], share: float) -> None:
+def test_every_source_holds_out_its_share_by_whole_groups(
+    sources: dict[str, list[str]], share: float
+) -> None:
     entries = collected(sources)
     held = heldout_groups(entries, share)
     assert held == heldout_groups(entries[::-1], share)
