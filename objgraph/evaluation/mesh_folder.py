@@ -7,10 +7,8 @@ from typing import Any, Literal
 
 from objgraph.errors import EvaluationError
 from objgraph.prior.index import read_index
+from objgraph.prior.mesh_files import SUFFIXES, list_meshes
 from objgraph.prior.prior import ShapePrior
-
-SUFFIXES = (".ply", ".obj", ".stl", ".off", ".glb")
-"""Mesh formats that a folder is searched for."""
 
 Choice = Literal["heldout", "all", "default"]
 
@@ -37,16 +35,14 @@ def choose_meshes(folder: Path, category: str, prior: ShapePrior, choice: Choice
     if not folder.is_dir():
         raise EvaluationError(f"{folder} is no folder: give one that holds meshes ({', '.join(SUFFIXES)})")
     if not (folder / "index.json").is_file():
-        names = sorted(
-            str(path.relative_to(folder))
-            for path in folder.rglob("*")
-            if path.suffix.lower() in SUFFIXES and path.is_file()
-        )
+        names = list_meshes(folder, category)
         if not names:
             raise EvaluationError(f"{folder} holds no mesh ({', '.join(SUFFIXES)}), nor an index.json")
         if choice == "heldout":
             raise EvaluationError(f"{folder} has no index.json that would tell which meshes are held out")
-        return ChosenMeshes(folder, tuple(names), "every mesh file in the folder")
+        return ChosenMeshes(
+            folder, tuple(names), "every mesh file in the folder, or in its subfolder of that name"
+        )
     listed = [entry.file for entry in read_index(folder, category)]
     held = _held_out(prior.card)
     unseen = tuple(name for name in listed if name in held)

@@ -12,6 +12,7 @@ from scipy.spatial import cKDTree
 
 from objgraph.errors import EvaluationError
 from objgraph.mesh import field_grid
+from objgraph.prior.mesh_files import canonical, read_mesh
 from objgraph.prior.samples import surface_points
 from objgraph.prior.solid import SHEET_HALF_THICKNESS, Solid, SolidDistance, solidify
 
@@ -113,26 +114,9 @@ def read_solid(path: Path, name: str) -> Solid:
     Its axes are taken to be the canonical ones: y up, front at -z. Colours and textures are dropped.
 
     Raises:
-        EvaluationError: the file cannot be read, or holds no faces.
-        PriorError: it cannot be closed.
+        PriorError: the file cannot be read, holds no faces, or cannot be closed.
     """
-    try:
-        mesh = trimesh.load_mesh(path, process=False)
-        vertices, faces = np.asarray(mesh.vertices, float), np.asarray(mesh.faces)
-    except (OSError, ValueError, IndexError, KeyError, TypeError, AttributeError) as error:
-        raise EvaluationError(f"{path} cannot be read as a mesh: {error!r}") from error
-    if len(faces) == 0:
-        raise EvaluationError(f"{path} holds no faces")
-    used = vertices[np.unique(faces)]
-    low, high = used.min(axis=0), used.max(axis=0)
-    diagonal = float(np.linalg.norm(high - low))
-    if not (np.isfinite(used).all() and diagonal > 0):
-        raise EvaluationError(f"{path} has vertices that are not finite, or no extent")
-    mesh = trimesh.Trimesh((vertices - (low + high) / 2) / diagonal, faces, process=False)
-    if not mesh.is_watertight:
-        # STL and textured files repeat vertices along seams
-        mesh.merge_vertices(merge_tex=True, merge_norm=True)
-    return solidify(mesh, name)
+    return solidify(canonical(read_mesh(path), name), name)
 
 
 def _unsigned(meshes: tuple[trimesh.Trimesh, ...] | list[trimesh.Trimesh], points: np.ndarray) -> np.ndarray:

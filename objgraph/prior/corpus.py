@@ -12,6 +12,7 @@ import trimesh
 from objgraph.errors import PriorError
 from objgraph.prior.families import FAMILIES, draw
 from objgraph.prior.index import CadMesh, heldout_groups, read_index
+from objgraph.prior.mesh_files import canonical, read_mesh
 from objgraph.prior.samples import (
     SampleConfig,
     SdfSamples,
@@ -124,7 +125,7 @@ def _swapped_corpus(
     cache: Path,
 ) -> Corpus:
     """Tops of meshes that are trained on, on the bases of others; warped, as their copies are."""
-    solid = lru_cache(maxsize=None)(lambda file: solidify(_read(folder / file), file))
+    solid = lru_cache(maxsize=None)(lambda file: _solid(folder / file, file))
     files = [entry.file for entry in entries]
     shapes: list[SdfSamples] = []
     # about one pair in two does not fit
@@ -137,7 +138,9 @@ def _swapped_corpus(
         def swapped(top: str = top, base: str = base, rng: np.random.Generator = rng) -> Solid:
             return swap(solid(top), solid(base), category, rng).warped(random_warp(rng))
 
-        key = cache_key([_read(folder / top), _read(folder / base)], samples, corpus.seed, i, SOLID_VERSION)
+        key = cache_key(
+            [read_mesh(folder / top), read_mesh(folder / base)], samples, corpus.seed, i, SOLID_VERSION
+        )
         refused = cache / f"{key}.refused"
         if refused.exists():
             continue
@@ -163,8 +166,8 @@ def _collected(
     path: Path, name: str, copies: int, seed: int, samples: SampleConfig, cache: Path, measured: bool
 ) -> list[SdfSamples]:
     """A collected mesh and its warped copies; `measured` adds points on the surface."""
-    mesh = _read(path)
-    original = lru_cache(maxsize=1)(lambda: solidify(mesh, name))
+    mesh = read_mesh(path)
+    original = lru_cache(maxsize=1)(lambda: _solid(path, name))
 
     def warped(copy: int, key: str) -> Solid:
         if copy == 0:
@@ -178,11 +181,8 @@ def _collected(
     return shapes
 
 
-def _read(path: Path) -> trimesh.Trimesh:
-    try:
-        return trimesh.load_mesh(path, process=False)
-    except (OSError, ValueError, IndexError, KeyError) as error:
-        raise PriorError(f"{path} cannot be read as a mesh: {error!r}") from error
+def _solid(path: Path, name: str) -> Solid:
+    return solidify(canonical(read_mesh(path), name), name)
 
 
 def _procedural(

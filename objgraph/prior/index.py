@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from objgraph.errors import PriorError
+from objgraph.prior.mesh_files import SUFFIXES, list_meshes
 
 
 @dataclass(frozen=True)
@@ -23,12 +24,14 @@ class CadMesh:
 
 
 def read_index(folder: Path, category: str) -> list[CadMesh]:
-    """The entries of a category in a folder's `index.json`.
+    """The entries of a category in a folder's `index.json`; without one, all its mesh files, of unknown licences.
 
     Raises:
-        PriorError: it is missing, damaged or has no mesh of the category; the message names it.
+        PriorError: it is damaged or has no mesh of the category, or the folder has no mesh; the message names it.
     """
     path = folder / "index.json"
+    if not path.exists():
+        return _unlisted(folder, category)
     try:
         entries = json.loads(path.read_text())["meshes"]
         meshes = [
@@ -44,12 +47,30 @@ def read_index(folder: Path, category: str) -> list[CadMesh]:
             if entry["category"] == category
         ]
     except OSError as error:
-        raise PriorError(f"{path} cannot be read: give the folder that holds index.json") from error
+        raise PriorError(f"{path} cannot be read: {error}") from error
     except (ValueError, KeyError, TypeError) as error:
         raise PriorError(f"{path} is no mesh index: {error!r}") from error
     if not meshes:
         raise PriorError(f"{path} has no mesh of category {category!r}")
     return meshes
+
+
+def _unlisted(folder: Path, category: str) -> list[CadMesh]:
+    """Mesh files of a folder without an index, each a group of its own, its folder the source."""
+    files = list_meshes(folder, category)
+    if not files:
+        raise PriorError(f"{folder} holds neither an index.json nor a mesh ({', '.join(SUFFIXES)})")
+    return [
+        CadMesh(
+            file,
+            group=file,
+            licence="unknown",
+            attribution="unknown",
+            source=str(Path(file).parent),
+            size=None,
+        )
+        for file in files
+    ]
 
 
 def heldout_groups(meshes: Sequence[CadMesh], share: float) -> set[str]:

@@ -32,7 +32,8 @@ class TrainConfig:
     category: str = "chair"
     """The category to train."""
     meshes: Path | None = None
-    """Folder of collected meshes with their `index.json`; without it only the procedural families are used."""
+    """Folder of meshes (y up, front at -z; any size), with or without an `index.json` that lists them; left out, only
+    the procedural families are used."""
     out: Path = Path("out/train")
     """Work folder: sample cache, checkpoint, and the trained prior."""
     decoder: DecoderConfig = field(default_factory=lambda: DecoderConfig(octaves=2))
@@ -80,7 +81,8 @@ class TrainConfig:
         fixed = {
             key: value
             for key, value in asdict(self).items()
-            if key not in {"meshes", "out", "steps", "cooldown", "threads", "device", "bf16", "checkpoint_seconds"}
+            if key
+            not in {"meshes", "out", "steps", "cooldown", "threads", "device", "bf16", "checkpoint_seconds"}
         }
         return hashlib.sha256(json.dumps(fixed, sort_keys=True, default=str).encode()).hexdigest()[:16]
 

@@ -291,6 +291,24 @@ def test_bad_index_is_named(tmp_path: Path, content: str | None) -> None:
         read_index(tmp_path, "table")
 
 
+def test_any_folder_of_meshes_will_do(tmp_path: Path) -> None:
+    folder = tmp_path / "lamp"
+    folder.mkdir()
+    (tmp_path / "sofa").mkdir()
+    for i in range(6):
+        shade = trimesh.creation.cylinder(0.2 + 0.1 * i, 3.0)
+        shade.apply_translation([5, 0, 1])
+        shade.export(folder / f"{i}.stl")
+    trimesh.creation.box().export(tmp_path / "sofa" / "box.obj")
+    settings = CorpusConfig(procedural=0, copies=0)
+    corpus = build_corpus("lamp", tmp_path, settings, SampleConfig(count=600), tmp_path / "cache")
+    assert {entry.file for entry in corpus.used + corpus.unseen} == {f"lamp/{i}.stl" for i in range(6)}
+    assert corpus.unseen
+    for shape in corpus.training:
+        assert np.linalg.norm(shape.extents) == pytest.approx(1)
+        assert np.abs(shape.points[np.abs(shape.sdf) < 1e-3]).max() < 0.51
+
+
 def test_unknown_category_needs_meshes(tmp_path: Path) -> None:
     with pytest.raises(PriorError, match=r"'lamp' has no procedural family \(chair, table, car\)"):
         build_corpus("lamp", None, CorpusConfig(), SampleConfig(), tmp_path)

@@ -1,0 +1,58 @@
+"""Mesh files of any folder, brought to the canonical frame."""
+
+from pathlib import Path
+
+import numpy as np
+import trimesh
+
+from objgraph.errors import PriorError
+
+SUFFIXES = (".ply", ".obj", ".stl", ".off", ".glb")
+"""Formats that a folder is searched for."""
+
+
+def list_meshes(folder: Path, category: str) -> list[str]:
+    """Mesh files in a folder at any depth, relative to it; only those below a subfolder of the category, if any."""
+    own = folder / category
+    return sorted(
+        str(path.relative_to(folder))
+        for path in (own if own.is_dir() else folder).rglob("*")
+        if path.suffix.lower() in SUFFIXES and path.is_file()
+    )
+
+
+def read_mesh(path: Path) -> trimesh.Trimesh:
+    """A file's mesh as it is.
+
+    Raises:
+        PriorError: the file cannot be read as a mesh, or holds no faces.
+    """
+    try:
+        mesh = trimesh.load_mesh(path, process=False)
+        faces = np.asarray(mesh.faces)
+    except (OSError, ValueError, IndexError, KeyError, TypeError, AttributeError) as error:
+        raise PriorError(f"{path} cannot be read as a mesh: {error!r}") from error
+    if len(faces) == 0:
+        raise PriorError(f"{path} holds no faces")
+    return mesh
+
+
+def canonical(mesh: trimesh.Trimesh, name: str) -> trimesh.Trimesh:
+    """A mesh centred on its bounding box, scaled to a diagonal of 1, without colours and textures.
+
+    Its axes are taken to be the canonical ones: y up, front at -z.
+
+    Raises:
+        PriorError: a vertex is not finite, or the mesh has no extent.
+    """
+    vertices, faces = np.asarray(mesh.vertices, float), np.asarray(mesh.faces)
+    used = vertices[np.unique(faces)]
+    low, high = used.min(axis=0), used.max(axis=0)
+    diagonal = float(np.linalg.norm(high - low))
+    if not (np.isfinite(used).all() and diagonal > 0):
+        raise PriorError(f"{name} has vertices that are not finite, or no extent")
+    mesh = trimesh.Trimesh((vertices - (low + high) / 2) / diagonal, faces, process=False)
+    if not mesh.is_watertight:
+        # STL and textured files repeat vertices along seams
+        mesh.merge_vertices(merge_tex=True, merge_norm=True)
+    return mesh
