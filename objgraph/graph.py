@@ -33,6 +33,9 @@ class GraphConfig:
     """Independent measurements a patch of seen surface counts for, in each of the two factors of a view."""
     anisotropy_sigma: float = 0.1
     """Standard deviation of each axis' log-scale about their mean: the code, not the scale, stretches shapes."""
+    code_spread: float = 3.0
+    """Factor on the code prior's standard deviations: a Gaussian through several kinds of shapes is dense between
+    them, at shapes of no kind (a table without legs), and would hold codes there."""
     upright_sigma: float = 0.03
     """Radians by which an object that stands on the floor may lean, about each level axis."""
 
@@ -78,7 +81,8 @@ class ObjectGraph:
         """
         keys = keys or ObjectKeys.numbered(self._free_index())
         state.insert(self.values, keys)
-        self.graph.push_back(code_prior(keys, prior.code_mean, prior.code_covariance))
+        spread = self.config.code_spread**2
+        self.graph.push_back(code_prior(keys, prior.code_mean, spread * prior.code_covariance))
         anisotropy = prior.anisotropy_sigma or self.config.anisotropy_sigma
         self.graph.push_back(scale_prior(keys, np.log(prior.size_mean), prior.size_log_sigma, anisotropy))
         if up_world is not None:

@@ -24,9 +24,9 @@ class PartialConfig:
     """The same of its violation of a lower bound."""
     truncation: float = 0.05
     """Lower bounds of the distance are no greater."""
-    surface_effective: float = 150.0
+    surface_effective: float = 1000.0
     """How many independent measurements the surface points count for, against the code's prior."""
-    free_effective: float = 300.0
+    free_effective: float = 2000.0
     """How many independent measurements the points in empty space count for."""
     search: SearchConfig = field(default_factory=lambda: SearchConfig(first_points=600, kept=3))
     """How the code is searched for."""
