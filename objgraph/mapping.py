@@ -136,7 +136,7 @@ def map_object(
         problems = [graph.problems()[0] for graph in graphs]
         solve(problems, replace(config.solver, slopes=config.solver.slopes[:1], rounds=1))
         objects, problem = _cheapest(graphs, problems, instance)
-        initial = problem.cost_initial
+        initial = objects.problems()[0].refreshed_cost(config.solver.slopes[-1])  # of the guess itself
         solve([problem], config.solver)
         if problem.failure is not None:
             raise SolveError(f"{instance.category} {instance.id}: {problem.failure}")

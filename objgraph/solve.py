@@ -52,6 +52,7 @@ class Problem:
     factors: Sequence[ObservationFactor]
     """Those of the graph's factors that use a decoder."""
     cost_initial: float = np.nan
+    """Where the solver began; `solve` refreshes it at its last slope, so that `cost` can be compared with it."""
     cost: float = np.nan
     linearizations: int = 0
     error_evaluations: int = 0
@@ -62,6 +63,12 @@ class Problem:
         for factor in self.factors:
             factor.refresh(self.values, Annealing(slope))
 
+    def refreshed_cost(self, slope: float) -> float:
+        """The cost of the current estimate with samples and weights of its own."""
+        self.refresh(slope)
+        self.error_evaluations += 1
+        return self.graph.error(self.values)
+
 
 def solve(
     problems: Sequence[Problem],
@@ -71,17 +78,18 @@ def solve(
     """Minimise every problem in place, freezing and refreshing along the slopes.
 
     A problem that fails gets its `failure` set and leaves the others alone. The values kept are those of the lowest
-    refreshed cost at the last slope. `progress` is called with (rounds done, rounds at most).
+    refreshed cost at the last slope, the start among them. `progress` is called with (rounds done, rounds at most).
     """
     config = config or SolverConfig()
+    active = [problem for problem in problems if _guarded(problem, lambda p: _begin(p, config.slopes[-1]))]
+    starts = {id(problem): gtsam.Values(problem.values) for problem in active}
     best: dict[int, tuple[float, gtsam.Values]] = {}
-    active = list(problems)
     for round_index in range(config.rounds):
         slope = config.slopes[min(round_index, len(config.slopes) - 1)]
         active = [problem for problem in active if _guarded(problem, lambda p, s=slope: p.refresh(s))]
         if round_index >= len(config.slopes):
             active = [p for p in active if _still_falling(p, best, config.relative_tolerance)]
-        active = _levenberg_marquardt(active, config.inner, first=round_index == 0)
+        active = _levenberg_marquardt(active, config.inner)
         if progress is not None:
             progress(round_index + 1, config.rounds)
         if not active:
@@ -91,7 +99,14 @@ def solve(
             _still_falling(problem, best, config.relative_tolerance)
     for problem in problems:
         if id(problem) in best:
-            problem.cost, problem.values = best[id(problem)]
+            start = (problem.cost_initial, starts[id(problem)])
+            problem.cost, problem.values = min(best[id(problem)], start, key=lambda each: each[0])
+
+
+def _begin(problem: Problem, slope: float) -> None:
+    problem.cost_initial = problem.refreshed_cost(slope)
+    if not np.isfinite(problem.cost_initial):
+        raise SolveError(f"the cost at the start is {problem.cost_initial}")
 
 
 def _still_falling(problem: Problem, best: dict[int, tuple[float, gtsam.Values]], tolerance: float) -> bool:
@@ -108,7 +123,9 @@ def _still_falling(problem: Problem, best: dict[int, tuple[float, gtsam.Values]]
 
 def minimize(problem: Problem, config: LevenbergMarquardtConfig | None = None) -> None:
     """One Levenberg-Marquardt run with everything frozen as it is; raises SolveError where it fails."""
-    _levenberg_marquardt([problem], config or LevenbergMarquardtConfig(), first=True)
+    if _guarded(problem, _start):
+        problem.cost_initial = problem.cost
+        _levenberg_marquardt([problem], config or LevenbergMarquardtConfig())
     if problem.failure is not None:
         raise SolveError(f"{problem.name}: {problem.failure}")
 
@@ -124,15 +141,11 @@ class _Step:
     done: bool = False
 
 
-def _levenberg_marquardt(
-    problems: Sequence[Problem], config: LevenbergMarquardtConfig, first: bool
-) -> list[Problem]:
+def _levenberg_marquardt(problems: Sequence[Problem], config: LevenbergMarquardtConfig) -> list[Problem]:
     steps = [_Step(problem, config.initial_damping) for problem in problems]
     _decode(steps, trial=False)
     for step in steps:
         step.done = not _guarded(step.problem, _start)
-        if first and not step.done:
-            step.problem.cost_initial = step.problem.cost
     for _ in range(config.iterations):
         running = [step for step in steps if not step.done]
         for step in running:

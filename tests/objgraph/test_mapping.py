@@ -137,7 +137,7 @@ def test_a_mapped_object_s_fields_agree(toy_map, instance):
     assert found.code_sigma.shape == found.code.shape == (4,)
     # the data have said something: every axis is better known than before
     assert (found.code_sigma < CONFIG.graph.code_spread * np.sqrt(0.5)).all()
-    assert 0 < found.cost_final < found.cost_initial
+    assert 0 < found.cost_final <= found.cost_initial
     assert found.error_evaluations >= found.linearizations > 0
     assert set(found.seconds_by_stage) == {"observe", "initialise", "solve", "covariance", "mesh"}
     assert found.seconds == pytest.approx(sum(found.seconds_by_stage.values()))

@@ -278,13 +278,23 @@ def test_rounds_follow_the_slopes_and_keep_the_lowest_refreshed_cost():
     config = SolverConfig(slopes=(60.0, 120.0, 200.0), rounds=6, inner=LevenbergMarquardtConfig(iterations=2))
     solve([problem], config, lambda done, total: told.append((done, total)))
     slopes = [slope for slope, _ in problem.refreshed]
-    assert slopes[:3] == [60.0, 120.0, 200.0]
-    assert set(slopes[3:]) == {200.0}
+    assert slopes[:4] == [200.0, 60.0, 120.0, 200.0]  # first what the start costs
+    assert set(slopes[4:]) == {200.0}
+    assert problem.cost_initial == pytest.approx(start)
     assert told == [(i + 1, 6) for i in range(len(told))]
     assert 3 <= len(told) <= 6
     problem.refresh(200.0)
     assert problem.refreshed[-1][1] == pytest.approx(problem.cost, rel=1e-6)
     assert problem.cost < 0.5 * start
+
+
+def test_no_start_is_made_worse():
+    """Coarse rounds can lead away from a minimum of the last slope; then the start is kept."""
+    problem = chair_problem()
+    solve([problem], SolverConfig(slopes=(400.0,), rounds=12, relative_tolerance=1e-9))
+    again = Problem(problem.name, problem.graph, gtsam.Values(problem.values), problem.factors)
+    solve([again], SolverConfig(slopes=(5.0, 400.0), rounds=2, inner=LevenbergMarquardtConfig(iterations=3)))
+    assert again.cost <= again.cost_initial == pytest.approx(problem.cost, rel=1e-9)
 
 
 def test_rounds_stop_where_nothing_is_gained():
