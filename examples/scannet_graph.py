@@ -18,8 +18,8 @@ from rich.progress import track
 
 from factors.base import Annealing
 from factors.depth import DepthFactor
+from factors.full_distribution import FullDistribution
 from factors.priors import code_prior, scale_prior, upright_prior
-from factors.rendering import FullDistribution
 from factors.state import ObjectKeys, ObjectState
 from factors.surface import SurfaceFactor
 from factors.weighting import Weighting

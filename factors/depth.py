@@ -9,9 +9,10 @@ from torch import Tensor
 
 from factors.base import Annealing, ObservationFactor
 from factors.errors import FactorError
+from factors.full_distribution import FullDistribution
 from factors.rays import RayCells, Rays, box_interval, choose_cells, coarse_depths
 from factors.reduce import Rows
-from factors.rendering import FullDistribution, RayTargets, RenderedRows, Renderer
+from factors.rendering import RayTargets, RenderedRows, Renderer
 from factors.sdf import SdfQuery, metres_per_unit, query_points, sdf_jacobian
 from factors.sdf_decoder import SdfDecoder, SdfJet
 from factors.state import ObjectKeys, ObjectState

@@ -82,6 +82,49 @@ def termination(
     return occupancy * before, passed[:, -1]
 
 
+def termination_moments(moments: OccupancyMoments) -> OccupancyMoments:
+    """First and second moments of every sample's termination probability, then of escape: (r, k + 1).
+
+    Products of moments, since occupancies along a ray are taken to be independent (eq:terminamte_escape).
+    """
+
+    def ends(occupied: Tensor, clear: Tensor) -> Tensor:
+        passed = torch.cumprod(clear, dim=1)
+        before = torch.cat([torch.ones_like(passed[:, :1]), passed[:, :-1]], dim=1)
+        return torch.cat([occupied * before, passed[:, -1:]], dim=1)
+
+    mean, second = moments
+    return OccupancyMoments(ends(mean, 1 - mean), ends(second, 1 - 2 * mean + second))
+
+
+def beta_parameters(moments: OccupancyMoments) -> tuple[Float[Tensor, "..."], Float[Tensor, "..."]]:
+    """The Beta distribution that the paper puts in place of a product of logit-normals, by its first two moments.
+
+    Mean and variance of the result are the given ones, so the rendered depth's are the same with and without it;
+    the shape matters only to whoever asks for quantiles.
+    """
+    variance = (moments.second - moments.mean.square()).clamp_min(1e-12)
+    strength = (moments.mean * (1 - moments.mean) / variance - 1).clamp_min(1e-12)
+    return moments.mean * strength, (1 - moments.mean) * strength
+
+
+def depth_mean(
+    occupancy: Float[Tensor, "r k"], depth: Float[Tensor, "r k"], escape: Float[Tensor, "r"]
+) -> Float[Tensor, "r"]:
+    """Expected depth at which a ray ends, its escape counted at depth `escape`."""
+    probability, escaped = termination(occupancy)
+    return (probability * depth).sum(dim=1) + escaped * escape
+
+
+def total_depth_variance(
+    occupancy: Float[Tensor, "r k"], depth: Float[Tensor, "r k"], escape: Float[Tensor, "r"]
+) -> Float[Tensor, "r"]:
+    """Variance of the depth at which a ray ends, about its mean."""
+    probability, escaped = termination(occupancy)
+    mean = (probability * depth).sum(dim=1) + escaped * escape
+    return (probability * (depth - mean[:, None]) ** 2).sum(dim=1) + escaped * (escape - mean) ** 2
+
+
 def depth_moments(
     moments: OccupancyMoments, depth: Float[Tensor, "r k"], escape: Float[Tensor, "r"]
 ) -> DepthMoments:
@@ -90,15 +133,14 @@ def depth_moments(
     From the last sample to the first: D_i = o_i d_i + (1 - o_i) D_{i+1}, where o_i and D_{i+1} are independent.
     Depths are taken about their mean, so both variances stay the same when the scene moves along the ray.
     """
-    probability, escaped = termination(moments.mean)
-    mean = (probability * depth).sum(dim=1) + escaped * escape
-    total = (probability * (depth - mean[:, None]) ** 2).sum(dim=1) + escaped * (escape - mean) ** 2
+    mean = depth_mean(moments.mean, depth, escape)
     first = escape - mean
     second = first.square()
     for i in range(depth.shape[1] - 1, -1, -1):
         d, m, q = depth[:, i] - mean, moments.mean[:, i], moments.second[:, i]
         second = q * d.square() + 2 * (m - q) * d * first + (1 - 2 * m + q) * second
         first = m * d + (1 - m) * first
+    total = total_depth_variance(moments.mean, depth, escape)
     return DepthMoments(mean, (second - first.square()).clamp_min(0.0), total)
 
 

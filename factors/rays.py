@@ -69,7 +69,13 @@ def box_interval(
     """z-depths at which rays enter and leave the object's canonical box; near >= far where they miss it."""
     origin = state.to_object(np.asarray(T_world_camera.translation())[None])[0]
     R_object_camera = state.T_world_object.rotation().matrix().T @ T_world_camera.rotation().matrix()
-    direction = directions_camera @ R_object_camera.T / state.scale
+    return canonical_interval(origin, directions_camera @ R_object_camera.T / state.scale)
+
+
+def canonical_interval(
+    origin: Float[np.ndarray, "*r 3"], direction: Float[np.ndarray, "r 3"]
+) -> tuple[Float[np.ndarray, "r"], Float[np.ndarray, "r"]]:
+    """Multiples of `direction`, in canonical coordinates, at which rays enter and leave the canonical box."""
     direction = np.where(np.abs(direction) < 1e-12, 1e-12, direction)
     bounds = (np.array([[-BOX_HALF_SIZE], [BOX_HALF_SIZE]])[:, :, None] - origin) / direction
     near = bounds.min(axis=0).max(axis=-1)

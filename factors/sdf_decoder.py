@@ -1,6 +1,7 @@
 """What every shape decoder offers: the signed distance of canonical points under a shape code, and its derivatives."""
 
 from abc import ABC, abstractmethod
+from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 import torch
@@ -8,6 +9,9 @@ from jaxtyping import Float, Int
 from torch import Tensor, nn
 
 from factors.errors import FactorError
+
+_IN_CACHE = 2048
+"""Points that a CPU decodes at once: their activations stay in its cache, which halves the time of a large call."""
 
 
 class SdfJet(NamedTuple):
@@ -68,7 +72,11 @@ class SdfDecoder(nn.Module, ABC):
             FactorError: the codes are of another length, or several are given without an owner.
         """
         self._check(codes, owner)
-        return self._network(points, self._inject(codes, owner, len(points)))
+        if torch.is_grad_enabled() or points.is_cuda or len(points) <= _IN_CACHE:
+            return self._network(points, self._inject(codes, owner, len(points)))
+        return torch.cat(
+            [self._network(p, self._inject(codes, o, len(p))) for p, o in _pieces(points, owner)]
+        )
 
     def linearize(
         self,
@@ -82,6 +90,14 @@ class SdfDecoder(nn.Module, ABC):
         eq:jacobian_code and the first half of eq:jacobian_pose).
         """
         self._check(codes, owner)
+        if points.is_cuda or len(points) <= _IN_CACHE:
+            return self._linearize(points, codes, owner)
+        parts = zip(*(self._linearize(p, codes, o) for p, o in _pieces(points, owner)), strict=True)
+        return SdfJet(*(torch.cat(part) for part in parts))
+
+    def _linearize(
+        self, points: Float[Tensor, "n 3"], codes: Float[Tensor, "b l"], owner: Int[Tensor, "n"] | None
+    ) -> SdfJet:
         with torch.no_grad():
             injected = self._inject(codes.detach(), owner, len(points))
         injected = {name: rows.clone().requires_grad_() for name, rows in injected.items()}
@@ -100,6 +116,13 @@ class SdfDecoder(nn.Module, ABC):
             )
         if owner is None and len(codes) != 1:
             raise FactorError(f"{len(codes)} codes were given: `owner` must say whose each point is")
+
+
+def _pieces(
+    points: Float[Tensor, "n 3"], owner: Int[Tensor, "n"] | None
+) -> Iterator[tuple[Float[Tensor, "m 3"], Int[Tensor, "m"] | None]]:
+    for i in range(0, len(points), _IN_CACHE):
+        yield points[i : i + _IN_CACHE], None if owner is None else owner[i : i + _IN_CACHE]
 
 
 class LinearInjection(SdfDecoder):

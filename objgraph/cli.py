@@ -2,6 +2,7 @@
 
 import logging
 import os
+import shlex
 import sys
 from typing import Annotated
 
@@ -17,6 +18,7 @@ def main(arguments: list[str] | None = None) -> int:
     """Run one subcommand; an error that the user can mend is one line, not a traceback."""
     # imported here, so that a mistyped word is answered before torch and open3d are loaded
     from objgraph.commands import MapCommand, run_map
+    from objgraph.evaluate_command import EvaluateCommand, run_evaluate
     from objgraph.prior.convert import ConvertConfig, convert_command
     from objgraph.prior.export import train_command
     from objgraph.prior.listing import PriorsCommand, priors_command
@@ -36,6 +38,13 @@ def main(arguments: list[str] | None = None) -> int:
         """Train a category's shape prior; a killed run goes on where it was."""
         console.print(f"written to {train_command(config)}")
 
+    def evaluate(
+        command: Annotated[EvaluateCommand, tyro.conf.arg(name=""), tyro.conf.FlagCreatePairsOff],
+    ) -> None:
+        """Compare methods on objects with ground truth: the paper's tables, intervals, plots."""
+        typed = sys.argv[1:] if arguments is None else arguments
+        run_evaluate(command, console, shlex.join(["objgraph", *typed]))
+
     def evaluate_prior(
         command: Annotated[EvaluatePriorCommand, tyro.conf.arg(name=""), tyro.conf.FlagCreatePairsOff],
     ) -> None:
@@ -54,6 +63,7 @@ def main(arguments: list[str] | None = None) -> int:
         tyro.extras.subcommand_cli_from_dict(
             {
                 "map": map_,
+                "evaluate": evaluate,
                 "train": train,
                 "convert-prior": convert_prior,
                 "priors": priors,

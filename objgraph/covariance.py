@@ -31,7 +31,18 @@ class ObjectCovariance:
     axes: tuple[str, ...]
     """One label a row: quantity, unit and frame."""
     source: str
-    """Which estimate this is: "marginals" for the graph's."""
+    """Which estimate this is: "marginals" for the graph's, "adam" for the paper's."""
+
+    @classmethod
+    def of(cls, matrix: Float[np.ndarray, "9+l 9+l"], source: str) -> "ObjectCovariance":
+        """A covariance over [rotation, translation, log-scale, code]."""
+        axes = (*RIGID_AXES, *(f"code_{i} [1]" for i in range(len(matrix) - RIGID_DOF)))
+        return cls(matrix, axes, source)
+
+    @classmethod
+    def diagonal(cls, variance: Float[np.ndarray, "9+l"], source: str) -> "ObjectCovariance":
+        """Independent axes of these variances."""
+        return cls.of(np.diag(variance), source)
 
     @property
     def rigid(self) -> Float[np.ndarray, "9 9"]:
@@ -54,10 +65,7 @@ def marginals(graph: gtsam.NonlinearFactorGraph, values: gtsam.Values, keys: Obj
     Raises:
         SolveError: the graph leaves something undetermined; the message names the key and what is missing.
     """
-    matrix = joint_covariance(graph, values, list(keys))
-    length = len(matrix) - RIGID_DOF
-    axes = (*RIGID_AXES, *(f"code_{i} [1]" for i in range(length)))
-    return ObjectCovariance(matrix, axes, "marginals")
+    return ObjectCovariance.of(joint_covariance(graph, values, list(keys)), "marginals")
 
 
 def joint_covariance(

@@ -9,9 +9,11 @@ from jaxtyping import Float
 
 from factors.base import Annealing, ObservationFactor
 from factors.depth import DepthFactor, RaySampling
+from factors.full_distribution import FullDistribution
+from factors.gaussian_depth import Deterministic, Probabilistic, Sampled
 from factors.priors import code_prior, scale_prior, upright_prior
 from factors.rays import Rays
-from factors.rendering import FullDistribution, Probabilistic, Renderer
+from factors.rendering import Renderer
 from factors.state import ObjectKeys, ObjectState
 from factors.surface import SurfaceFactor
 from factors.weighting import Weighting
@@ -21,13 +23,21 @@ from objgraph.prior.prior import ShapePrior
 from objgraph.sampling import ObjectView
 from objgraph.solve import Problem, SolverConfig, solve
 
+RENDERERS: dict[str, Renderer] = {
+    "full": FullDistribution(),
+    "probabilistic": Probabilistic(),
+    "sampled": Sampled(),
+    "deterministic": Deterministic(),
+}
+
 
 @dataclass(frozen=True)
 class GraphConfig:
     """How measurements and priors are weighed."""
 
-    renderer: Literal["full", "probabilistic"] = "full"
-    """The 2D factor's renderer: the full termination distribution, or the paper's Gaussian depth."""
+    renderer: Literal["full", "probabilistic", "sampled", "deterministic"] = "full"
+    """The 2D factor's renderer: the full termination distribution, or a Gaussian depth, the paper's, NodeSLAM's or
+    DSP-SLAM's."""
     sampling: RaySampling = field(default_factory=RaySampling)
     evidence: float = 1.0
     """Independent measurements a patch of seen surface counts for, in each of the two factors of a view."""
@@ -190,7 +200,7 @@ class ObjectGraph:
         return Weighting("information", np.minimum(1.0, self.config.evidence * share))
 
     def _renderer(self) -> Renderer:
-        return FullDistribution() if self.config.renderer == "full" else Probabilistic()
+        return RENDERERS[self.config.renderer]
 
     def _free_index(self) -> int:
         index = len(self.objects)

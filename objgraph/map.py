@@ -12,8 +12,9 @@ from objgraph import map_checks, map_files
 from objgraph.colors import sigma_colors, sigma_limit
 from objgraph.covariance import RIGID_AXES
 from objgraph.errors import MapError
+from objgraph.map_estimate import OtherEstimate
 
-VERSION = 1
+VERSION = 2
 """Of the document's layout; a reader refuses another."""
 
 COVARIANCE_AXES = RIGID_AXES
@@ -83,7 +84,12 @@ class MappedObject:
     """Of pose and log-scale; `COVARIANCE_AXES` says what each row is."""
     code_sigma: Float[np.ndarray, "l"] | None = None
     """Standard deviation of each entry of the code."""
+    estimator: str | None = None
+    """Whose pose, scale, code and covariance these are: "graph" or "adam"."""
+    other: OtherEstimate | None = None
+    """The other estimator's, where both were run."""
     cost_initial: float | None = None
+    """Of the first guess, in the estimator's objective."""
     cost_final: float | None = None
     linearizations: int | None = None
     error_evaluations: int | None = None
@@ -225,6 +231,7 @@ def _to_json(entry: MappedObject, mesh: str | None) -> dict[str, Any]:
     document = {k: v.tolist() if isinstance(v, np.ndarray) else v for k, v in document.items()}
     document["views"] = list(entry.views)
     document["prior"] = _prior_to_json(entry.prior)
+    document["other"] = None if entry.other is None else entry.other.to_json()
     document["covariance_axes"] = None if entry.covariance is None else list(COVARIANCE_AXES)
     document["mesh"] = mesh
     return document
@@ -257,6 +264,7 @@ def _from_json(document: Any, index: int, folder: Path) -> MappedObject:
         surface = map_files.read_surface(folder / mesh)
         given |= {"vertices": surface.vertices, "faces": surface.faces, "vertex_sigma": surface.sigma}
     try:
+        given["other"] = None if given["other"] is None else OtherEstimate.from_json(given["other"])
         return MappedObject(**given)
     except MapError as error:
         raise MapError(f"{where}: {error}") from error

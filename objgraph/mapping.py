@@ -4,26 +4,31 @@ import logging
 import time
 from collections.abc import Callable, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cache, partial
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 from jaxtyping import Float
 
-from objgraph.covariance import surface_sigma
+from objgraph.adam import AdamConfig, AdamEstimator
+from objgraph.covariance import ObjectCovariance, surface_sigma
 from objgraph.errors import InitialisationError, ObjectGraphError, ObservationError, SolveError
+from objgraph.estimation import Estimate, EstimationTask, Estimator
 from objgraph.floor import estimate_floor
-from objgraph.graph import GraphConfig, ObjectGraph
-from objgraph.initialise import InitialisationConfig, guesses, rank, single_object_graph
+from objgraph.graph import GraphConfig
+from objgraph.graph_estimator import GraphEstimator
+from objgraph.initialise import InitialisationConfig, guesses, rank
 from objgraph.map import MappedObject, ObjectMap, PriorReference
+from objgraph.map_estimate import OtherEstimate
 from objgraph.mesh import extract_mesh
 from objgraph.observation import FrameSource, Instance, Scan
 from objgraph.prior.prior import ShapePrior
 from objgraph.prior.registry import prior_for
 from objgraph.prior.store import load_prior_file
 from objgraph.sampling import ObjectView, SamplingConfig, observe
-from objgraph.solve import Problem, SolverConfig, solve
+from objgraph.solve import SolverConfig
 from objgraph.view_selection import ViewConfig, ViewIndex, summarize
 
 log = logging.getLogger(__name__)
@@ -49,6 +54,18 @@ class MappingConfig:
     initialisation: InitialisationConfig = field(default_factory=InitialisationConfig)
     graph: GraphConfig = field(default_factory=GraphConfig)
     solver: SolverConfig = field(default_factory=SolverConfig)
+    estimator: Literal["graph", "adam", "both"] = "graph"
+    """Who estimates: the factor graph, the paper's gradient descent, or both; of both, the map takes the graph's
+    and keeps the other beside it."""
+    adam: AdamConfig = field(default_factory=AdamConfig)
+    """Settings of the paper's."""
+
+
+@dataclass(frozen=True)
+class _Found(Estimate):
+    """An estimate that has a covariance."""
+
+    covariance: ObjectCovariance
 
 
 @dataclass
@@ -131,24 +148,14 @@ def map_object(
     with clock.stage("initialise"):
         states = guesses(prior, views, up_world, floor, config.initialisation)
         states, tried = rank(prior, views, states, up_world, floor, config.initialisation, config.graph)
+    name = f"{instance.category} {instance.id}"
+    task = EstimationTask(name, prior, tuple(states), tuple(views), up_world, floor)
     with clock.stage("solve"):
-        graphs = [single_object_graph(prior, state, views, up_world, floor, config.graph) for state in states]
-        problems = [graph.problems()[0] for graph in graphs]
-        solve(problems, replace(config.solver, slopes=config.solver.slopes[:1], rounds=1))
-        objects, problem = _cheapest(graphs, problems, instance)
-        initial = objects.problems()[0].refreshed_cost(config.solver.slopes[-1])  # of the guess itself
-        solve([problem], config.solver)
-        if problem.failure is not None:
-            raise SolveError(f"{instance.category} {instance.id}: {problem.failure}")
-        objects.values.update(problem.values)
-    handle = objects.objects[0]
-    with clock.stage("covariance"):
-        covariance = objects.marginals(handle)
-    state = objects.state(handle)
+        estimate, *others = [_estimated(estimator, task) for estimator in _estimators(config)]
     with clock.stage("mesh"):
+        state, covariance = estimate.state, estimate.covariance
         mesh = extract_mesh(prior.decoder, state.code, resolution=config.mesh_resolution)
         sigma = surface_sigma(prior.decoder, state, covariance, np.asarray(mesh.vertices))
-    spent = [*tried, *problems]
     return MappedObject(
         instance.id,
         instance.category,
@@ -158,18 +165,47 @@ def map_object(
         code=state.code,
         covariance=covariance.rigid,
         code_sigma=np.sqrt(np.diag(covariance.code)),
-        cost_initial=initial,
-        cost_final=problem.cost,
-        linearizations=sum(p.linearizations for p in spent),
-        error_evaluations=sum(p.error_evaluations for p in spent),
+        estimator="adam" if config.estimator == "adam" else "graph",
+        other=_other(others[0]) if others else None,
+        cost_initial=estimate.cost_initial,
+        cost_final=estimate.cost_final,
+        linearizations=estimate.linearizations + sum(p.linearizations for p in tried),
+        error_evaluations=estimate.error_evaluations + sum(p.error_evaluations for p in tried),
         seconds=sum(clock.seconds.values()),
         seconds_by_stage=clock.seconds,
-        views=tuple(handle.views),
+        views=tuple(view.frame for view in views),
         size_m=state.scale * mesh.extents,
         prior=_reference(prior),
         vertices=state.to_world(np.asarray(mesh.vertices)),
         faces=np.asarray(mesh.faces),
         vertex_sigma=sigma,
+    )
+
+
+def _estimators(config: MappingConfig) -> list[Estimator]:
+    """The one whose estimate the map takes, then the one that stands beside it."""
+    graph, adam = GraphEstimator(config.graph, config.solver), AdamEstimator(config.adam)
+    return {"graph": [graph], "adam": [adam], "both": [graph, adam]}[config.estimator]
+
+
+def _estimated(estimator: Estimator, task: EstimationTask) -> _Found:
+    (result,) = estimator.estimate([task])
+    if isinstance(result, SolveError):
+        raise result
+    if result.covariance is None:
+        raise SolveError(f"{task.name}: the estimator gives no covariance, which the map needs")
+    return _Found(**vars(result))
+
+
+def _other(estimate: _Found) -> OtherEstimate:
+    state, covariance = estimate.state, estimate.covariance
+    return OtherEstimate(
+        covariance.source,
+        state.T_world_object.matrix(),
+        state.scale,
+        state.code,
+        covariance.rigid,
+        np.sqrt(np.diag(covariance.code)),
     )
 
 
@@ -220,13 +256,3 @@ def scene_points(
             colors.append(frame.color[rows, columns] / 255.0)
     whole = len(colors) == len(points)
     return np.concatenate(points), np.concatenate(colors) if whole else None
-
-
-def _cheapest(
-    graphs: Sequence[ObjectGraph], problems: Sequence[Problem], instance: Instance
-) -> tuple[ObjectGraph, Problem]:
-    solved = [i for i, problem in enumerate(problems) if problem.failure is None]
-    if not solved:
-        raise SolveError(f"{instance.category} {instance.id}: {problems[0].failure}")
-    best = min(solved, key=lambda i: problems[i].cost)
-    return graphs[best], problems[best]

@@ -10,8 +10,9 @@ from factors.base import Annealing
 from factors.batch import prefetch
 from factors.depth import DepthFactor, RaySampling
 from factors.errors import FactorError
+from factors.full_distribution import FullDistribution
+from factors.gaussian_depth import Probabilistic
 from factors.rays import Rays
-from factors.rendering import FullDistribution, Probabilistic
 from factors.state import ObjectKeys
 from factors.surface import SurfaceFactor
 from factors.weighting import Weighting

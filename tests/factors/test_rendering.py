@@ -4,8 +4,10 @@ import torch
 from scipy.integrate import trapezoid
 from scipy.stats import norm
 
+from factors.full_distribution import FullDistribution
+from factors.gaussian_depth import Deterministic, Probabilistic, Sampled
 from factors.rays import RayCells
-from factors.rendering import FullDistribution, Probabilistic, RayTargets
+from factors.rendering import RayTargets
 from factors.score import energy_score
 
 RENDERERS = [
@@ -14,6 +16,8 @@ RENDERERS = [
     FullDistribution(correlation="independent"),
     Probabilistic(),
     Probabilistic(variance="epistemic"),
+    Sampled(),
+    Deterministic(),
 ]
 
 

@@ -1,0 +1,170 @@
+"""Renderers that describe a ray's end by one Gaussian depth, as the paper and the methods it compares with do."""
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from typing import Literal
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from factors.occupancy import (
+    OccupancyMoments,
+    depth_mean,
+    depth_mean_gradient,
+    depth_moments,
+    quadrature_moments,
+    sobol_moments,
+    total_depth_variance,
+)
+from factors.rays import RayCells
+from factors.rendering import ESCAPE, RayTargets, RenderedRows
+from factors.score import energy_score, majorizing_weight
+
+_LEAST_SPREAD = 1e-6
+"""Metres; the energy score of a surer depth is its absolute error."""
+
+
+class GaussianDepth(ABC):
+    """Mean and variance of the rendered depth, scored as a Gaussian (paper equ:2d_loss).
+
+    A free ray's depth is where it escapes. One that ends before it has left the object's box has no depth to be
+    compared with and counts nothing.
+    """
+
+    @abstractmethod
+    def occupancy(self, sdf: Tensor, sdf_sigma: Tensor, slope: float) -> OccupancyMoments:
+        """Moments of the occupancy at every cell."""
+
+    @abstractmethod
+    def depth_variance(
+        self, moments: OccupancyMoments, depth: Float[Tensor, "r k"], escape: Float[Tensor, "r"]
+    ) -> Float[Tensor, "r"]:
+        """Variance of the rendered depth, square metres."""
+
+    def freeze(
+        self, sdf: Tensor, sdf_sigma: Tensor, cells: RayCells, targets: RayTargets, slope: float
+    ) -> Float[Tensor, "r"]:
+        """See `Renderer`; the sensor's own variance is added."""
+        moments = self.occupancy(sdf, sdf_sigma, slope)
+        return (self.depth_variance(moments, cells.depth, ESCAPE * cells.far) + targets.sigma**2).sqrt()
+
+    def render(
+        self,
+        sdf: Float[Tensor, "r k"],
+        sdf_sigma: Float[Tensor, "r k"],
+        cells: RayCells,
+        targets: RayTargets,
+        slope: float,
+        spread: Float[Tensor, "r"],
+    ) -> RenderedRows:
+        """See `Renderer`."""
+        error, counts, d_sdf = self.depth_error(sdf, sdf_sigma, cells, targets, slope)
+        root = (counts * majorizing_weight(error, spread)).sqrt()
+        return RenderedRows(
+            counts * energy_score(error, spread), (root * error)[:, None], (root[:, None] * d_sdf)[:, None, :]
+        )
+
+    def depth_error(
+        self,
+        sdf: Float[Tensor, "r k"],
+        sdf_sigma: Float[Tensor, "r k"],
+        cells: RayCells,
+        targets: RayTargets,
+        slope: float,
+    ) -> tuple[Float[Tensor, "r"], Float[Tensor, "r"], Float[Tensor, "r k"]]:
+        """Rendered minus observed depth, 1 where the ray counts, and the error's derivative w.r.t. the SDF."""
+        escape = ESCAPE * cells.far
+        moments = self.occupancy(sdf, sdf_sigma, slope)
+        error, counts = _error(depth_mean(moments.mean, cells.depth, escape), cells, targets)
+        d_sdf = depth_mean_gradient(moments.mean, cells.depth, escape) * moments.d_mean(slope)
+        return error, counts, d_sdf
+
+    def score(
+        self,
+        sdf: Float[Tensor, "r k"],
+        sdf_sigma: Float[Tensor, "r k"],
+        cells: RayCells,
+        targets: RayTargets,
+        slope: float,
+    ) -> Float[Tensor, "r"]:
+        """See `Renderer`; as in the paper the sensor is taken to be exact."""
+        escape = ESCAPE * cells.far
+        moments = self.occupancy(sdf, sdf_sigma, slope)
+        error, counts = _error(depth_mean(moments.mean, cells.depth, escape), cells, targets)
+        variance = self.depth_variance(moments, cells.depth, escape)
+        return counts * energy_score(error, variance.clamp_min(_LEAST_SPREAD**2).sqrt())
+
+
+@dataclass(frozen=True)
+class Probabilistic(GaussianDepth):
+    """The paper's: an uncertain SDF makes uncertain occupancies, and these an uncertain depth."""
+
+    variance: Literal["total", "epistemic"] = "total"
+    """Which of the two variances scores: of the termination depth, or of its expectation."""
+    moments: Literal["quadrature", "sobol"] = "quadrature"
+    """How the logit-normal's moments are found: "sobol" is the paper's, 128 points by the inverse transform."""
+
+    def occupancy(self, sdf: Tensor, sdf_sigma: Tensor, slope: float) -> OccupancyMoments:
+        """Logit-normal moments; where the SDF is certain, those of a number."""
+        of = quadrature_moments if self.moments == "quadrature" else sobol_moments
+        uncertain = sdf_sigma > 0
+        if uncertain.all():
+            return of(sdf, sdf_sigma, slope)
+        certain = _certain_occupancy(sdf, slope)
+        some = of(sdf[uncertain], sdf_sigma[uncertain], slope)
+        return OccupancyMoments(
+            certain.mean.masked_scatter(uncertain, some.mean),
+            certain.second.masked_scatter(uncertain, some.second),
+        )
+
+    def depth_variance(
+        self, moments: OccupancyMoments, depth: Float[Tensor, "r k"], escape: Float[Tensor, "r"]
+    ) -> Float[Tensor, "r"]:
+        """The chosen one."""
+        if self.variance == "total":
+            return total_depth_variance(moments.mean, depth, escape)
+        return depth_moments(moments, depth, escape).epistemic
+
+
+@dataclass(frozen=True)
+class Sampled(GaussianDepth):
+    """NodeSLAM's (Sucar et al., 3DV 2020): the spread of where the ray may end, of an SDF taken to be certain."""
+
+    def occupancy(self, sdf: Tensor, sdf_sigma: Tensor, slope: float) -> OccupancyMoments:
+        """Of the SDF's mean alone."""
+        return _certain_occupancy(sdf, slope)
+
+    def depth_variance(
+        self, moments: OccupancyMoments, depth: Float[Tensor, "r k"], escape: Float[Tensor, "r"]
+    ) -> Float[Tensor, "r"]:
+        """Variance of the termination depth over the samples."""
+        return total_depth_variance(moments.mean, depth, escape)
+
+
+@dataclass(frozen=True)
+class Deterministic(GaussianDepth):
+    """DSP-SLAM's (Wang et al., 3DV 2021): the expected depth alone."""
+
+    def occupancy(self, sdf: Tensor, sdf_sigma: Tensor, slope: float) -> OccupancyMoments:
+        """Of the SDF's mean alone."""
+        return _certain_occupancy(sdf, slope)
+
+    def depth_variance(
+        self, moments: OccupancyMoments, depth: Float[Tensor, "r k"], escape: Float[Tensor, "r"]
+    ) -> Float[Tensor, "r"]:
+        """None: the score is then the absolute error."""
+        return torch.zeros_like(escape)
+
+
+def _certain_occupancy(sdf: Tensor, slope: float) -> OccupancyMoments:
+    occupancy = torch.sigmoid(-slope * sdf)
+    return OccupancyMoments(occupancy, occupancy.square())
+
+
+def _error(
+    mean: Float[Tensor, "r"], cells: RayCells, targets: RayTargets
+) -> tuple[Float[Tensor, "r"], Float[Tensor, "r"]]:
+    """Rendered minus observed depth, and 1 where there is an observed depth, else 0."""
+    counts = (targets.hit | (targets.end >= cells.far)).to(mean)
+    return mean - torch.where(targets.hit, targets.depth, ESCAPE * cells.far), counts

@@ -1,0 +1,67 @@
+"""Percentile bootstrap over distinct shapes: objects of one CAD model are drawn together."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+LEVEL = 0.95
+RESAMPLES = 2000
+
+Interval = tuple[float, float] | None
+
+
+class Resamples:
+    """How often each row is in each resample of the shapes."""
+
+    weights: Int[np.ndarray, "b n"]
+
+    def __init__(self, shapes: Sequence[str], seed: int = 0, count: int = RESAMPLES) -> None:
+        """`shapes` has the shape of every row."""
+        names, index = np.unique(np.asarray(shapes, dtype=str), return_inverse=True)
+        self.shapes = len(names)
+        even = np.full(self.shapes, 1 / max(self.shapes, 1))
+        self.weights = np.random.default_rng(seed).multinomial(self.shapes, even, size=count)[:, index]
+
+    def mean(
+        self, values: Float[np.ndarray, "n"], where: Bool[np.ndarray, "n"] | None = None
+    ) -> tuple[float | None, Interval]:
+        """The mean of the rows (of those of `where`), and its interval."""
+        chosen = np.ones(len(values), bool) if where is None else where
+        if not chosen.any():
+            return None, None
+        weights, part = self.weights[:, chosen], values[chosen]
+        total = weights.sum(axis=1)
+        drawn = total > 0
+        return float(part.mean()), self._interval((weights @ part)[drawn] / total[drawn])
+
+    def median(
+        self, values: Float[np.ndarray, "n"], where: Bool[np.ndarray, "n"] | None = None
+    ) -> tuple[float | None, Interval]:
+        """The same of the median; values may be infinite, and so may be what comes out."""
+        chosen = np.ones(len(values), bool) if where is None else where
+        if not chosen.any():
+            return None, None
+        weights, part = self.weights[:, chosen], values[chosen]
+        drawn = weights.sum(axis=1) > 0
+        return float(np.median(part)), self._interval(weighted_medians(part, weights[drawn]))
+
+    def _interval(self, samples: Float[np.ndarray, "b"]) -> Interval:
+        """The middle 95 %; None for a single shape, of which nothing can be said."""
+        if self.shapes < 2 or not len(samples):
+            return None
+        # without interpolation, which infinity does not bear
+        low = np.quantile(samples, (1 - LEVEL) / 2, method="lower")
+        high = np.quantile(samples, (1 + LEVEL) / 2, method="higher")
+        return float(low), float(high)
+
+
+def weighted_medians(
+    values: Float[np.ndarray, "n"], weights: Int[np.ndarray, "b n"]
+) -> Float[np.ndarray, "b"]:
+    """`np.median` of the values repeated by each row of weights."""
+    order = np.argsort(values, kind="stable")
+    upto = np.cumsum(weights[:, order], axis=1)
+    total = upto[:, -1:]
+    middle = [np.argmax(upto > k, axis=1) for k in ((total - 1) // 2, total // 2)]
+    return (values[order][middle[0]] + values[order][middle[1]]) / 2

@@ -1,0 +1,87 @@
+"""What is written of a comparison: one JSON document, tables in Markdown, pictures."""
+
+import subprocess
+from collections.abc import Mapping, Sequence
+from importlib.metadata import PackageNotFoundError
+from importlib.metadata import version as package_version
+from pathlib import Path
+from typing import Any
+
+from objgraph.comparison.bootstrap import LEVEL, RESAMPLES
+from objgraph.comparison.compare import Comparison
+from objgraph.comparison.config import prior_hash, row_settings
+from objgraph.comparison.grid import Grid
+from objgraph.comparison.measure import WELL_RECONSTRUCTED
+from objgraph.comparison.rows import ObjectRow
+from objgraph.comparison.summary import WORST
+
+MEASURED = (
+    "metres, degrees, seconds; rates: shares of all objects, failures among them; medians: a failure is infinite, null "
+    "where that comes out; pearson: of |SDF| and its standard deviation sqrt(J S J^T) over points of the true surface, "
+    "mean over well-reconstructed objects (n_well); seconds: median of the estimation alone; *_interval: percentile "
+    "bootstrap over distinct shapes, an infinite end null; paired: error of a less error of b on the same objects"
+)
+"""What the numbers mean, for whoever reads the JSON alone."""
+
+
+def program_version() -> str:
+    """The package's version, with the commit where it runs from a git checkout."""
+    try:
+        version = package_version("objgraph")
+    except PackageNotFoundError:
+        version = "unknown"
+    root = Path(__file__).resolve().parents[2]
+    if not (root / ".git").exists():
+        return version
+    command = ["git", "-C", str(root), "describe", "--always", "--dirty", "--tags"]
+    try:
+        commit = subprocess.run(
+            command, capture_output=True, text=True, check=True, timeout=20
+        ).stdout.strip()
+    except (OSError, subprocess.SubprocessError):
+        return version
+    return f"{version}, commit {commit}"
+
+
+def document(
+    comparison: Comparison,
+    rows: Sequence[ObjectRow],
+    entries: Sequence[Mapping[str, Any]],
+    pairs: Sequence[Mapping[str, Any]],
+    command: str,
+) -> dict[str, Any]:
+    """Figures and all that made them; no date, so that equal runs give equal documents but for the times."""
+    categories = dict.fromkeys(row.category for row in rows)
+    settings = {
+        name: row_settings(comparison.source, comparison.config, name, next(iter(categories)))
+        for name in comparison.methods
+    }
+    first = next(iter(settings.values()))
+    return {
+        "command": command,
+        "version": program_version(),
+        "rows_made_by": sorted({row.version for row in rows}),
+        "seed": comparison.config.seed,
+        "data": first["data"],
+        "config": first["common"],
+        "methods": {name: each["method"] for name, each in settings.items()},
+        "priors": {category: prior_hash(category, comparison.config) for category in categories},
+        "objects": {
+            category: len({r.case for r in rows if r.category == category}) for category in categories
+        },
+        "shapes": {
+            category: len({r.shape for r in rows if r.category == category}) for category in categories
+        },
+        "well_reconstructed": WELL_RECONSTRUCTED,
+        "bootstrap": {"over": "distinct shapes", "level": LEVEL, "resamples": RESAMPLES},
+        "worst": WORST,
+        "measured": MEASURED,
+        "rows": list(entries),
+        "paired": list(pairs),
+    }
+
+
+def markdown(tables: Sequence[Grid], command: str, seed: int) -> str:
+    """All tables, and what made them."""
+    head = f"Made by `{command}` (seed {seed}, version {program_version()}).\n"
+    return "\n".join([head, *(table.markdown() for table in tables)])

@@ -1,0 +1,93 @@
+"""A table of text before it is drawn: on the terminal or in Markdown."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+from rich.markup import escape
+from rich.table import Table
+from rich.text import Text
+
+
+@dataclass(frozen=True)
+class Cell:
+    """One entry."""
+
+    text: str
+    value: float | None = None
+    """What it is ranked by, if it is."""
+    rank: int = 0
+    """1 for the best, 2 for the second; 0 otherwise."""
+    faint: bool = False
+    """Whether it stands in the background on the terminal."""
+
+
+@dataclass(frozen=True)
+class Grid:
+    """Rows in sections under a header."""
+
+    title: str
+    header: tuple[str, ...]
+    """A line break parts what stands above from what stands below."""
+    sections: tuple[tuple[tuple[Cell, ...], ...], ...]
+    caption: str = ""
+    words: int = 1
+    """How many of the first columns are text, not numbers."""
+
+    def rich(self) -> Table:
+        """For the terminal."""
+        table = Table(title=escape(self.title), caption=Text(self.caption), caption_justify="left")
+        for i, name in enumerate(self.header):
+            table.add_column(
+                escape(name), justify="left" if i < self.words else "right", no_wrap=i < self.words
+            )
+        for section in self.sections:
+            for row in section:
+                table.add_row(*(_rich(cell) for cell in row))
+            table.add_section()
+        return table
+
+    def markdown(self) -> str:
+        """A heading, the table, and the caption."""
+        rows = [_line([name.replace("\n", " ") for name in self.header])]
+        rows.append(_line(["---" if i < self.words else "---:" for i in range(len(self.header))]))
+        rows += [_line([_markdown(cell) for cell in row]) for section in self.sections for row in section]
+        caption = f"\n{self.caption}\n" if self.caption else ""
+        return f"### {self.title}\n\n" + "\n".join(rows) + "\n" + caption
+
+
+def ranked(rows: Sequence[Sequence[Cell]]) -> list[list[Cell]]:
+    """The rows with the highest value of each column marked as best and the next one as second, equal ones alike."""
+    columns = [_ranked(column) for column in zip(*rows, strict=True)]
+    return [list(row) for row in zip(*columns, strict=True)]
+
+
+def ranked_across(row: Sequence[Cell]) -> list[Cell]:
+    """The same within one row."""
+    return _ranked(row)
+
+
+def _ranked(cells: Sequence[Cell]) -> list[Cell]:
+    # as printed: what looks equal is equal
+    best = sorted({round(cell.value, 3) for cell in cells if cell.value is not None}, reverse=True)[:2]
+    if sum(cell.value is not None for cell in cells) < 2:
+        return list(cells)
+    return [
+        replace(cell, rank=best.index(round(cell.value, 3)) + 1)
+        if cell.value is not None and round(cell.value, 3) in best
+        else cell
+        for cell in cells
+    ]
+
+
+def _rich(cell: Cell) -> Text:
+    styles = ["", "bold", "underline"][cell.rank], "dim" if cell.faint else ""
+    return Text(cell.text, style=" ".join(filter(None, styles)))
+
+
+def _markdown(cell: Cell) -> str:
+    text = cell.text.replace("|", "\\|").replace("*", "\\*")
+    return {1: f"**{text}**", 2: f"<u>{text}</u>"}.get(cell.rank, text)
+
+
+def _line(cells: Sequence[str]) -> str:
+    return f"| {' | '.join(cells)} |"

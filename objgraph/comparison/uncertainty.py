@@ -1,0 +1,82 @@
+"""Whether an estimate's covariance tells where its surface is wrong: the protocol of the paper's fig_uncertainty."""
+
+from dataclasses import dataclass
+
+import gtsam
+import numpy as np
+import torch
+import trimesh
+import trimesh.sample
+from jaxtyping import Float
+from scipy.stats import pearsonr, spearmanr
+
+from factors.sdf import metres_per_unit, propagated_variance, query_points, sdf_jacobian
+from factors.state import ObjectState
+from objgraph.covariance import ObjectCovariance
+from objgraph.evaluation.placed import PlacedMesh
+from objgraph.observation import GroundTruth
+from objgraph.prior.prior import ShapePrior
+
+POINTS = 10_000
+"""Points on the true surface, uniform by area."""
+_CONSTANT = 1e-9  # spread of the standard deviations, relative to their mean, that is none
+
+
+@dataclass(frozen=True)
+class SurfaceErrors:
+    """At points of the true surface, metres."""
+
+    error: Float[np.ndarray, "n"]
+    """|SDF| of the estimate, which is zero where it is right."""
+    sigma: Float[np.ndarray, "n"]
+    """Standard deviation of the SDF by the estimate's joint covariance of pose, scale and code, nothing added."""
+
+    @property
+    def pearson(self) -> float | None:
+        """Correlation of the two; None where either is constant or not finite.
+
+        Gaussian errors of known standard deviations that differ widely reach 0.80 at most.
+        """
+        return float(pearsonr(self.error, self.sigma).statistic) if self._varies else None
+
+    @property
+    def spearman(self) -> float | None:
+        """Correlation of their ranks; None as for `pearson`."""
+        return float(spearmanr(self.error, self.sigma).statistic) if self._varies else None
+
+    @property
+    def _varies(self) -> bool:
+        both = np.stack([self.error, self.sigma])
+        return bool(np.isfinite(both).all() and (np.ptp(both, axis=1) > _CONSTANT * both.mean(axis=1)).all())
+
+    def some(self, count: int, seed: int = 0) -> "SurfaceErrors":
+        """A random part of the points."""
+        chosen = np.random.default_rng(seed).permutation(len(self.error))[:count]
+        return SurfaceErrors(self.error[chosen], self.sigma[chosen])
+
+
+def surface_errors(
+    prior: ShapePrior,
+    state: ObjectState,
+    covariance: ObjectCovariance,
+    truth: GroundTruth,
+    points: int = POINTS,
+    seed: int = 0,
+) -> SurfaceErrors:
+    """|SDF| of the estimate at points of the true surface, and sqrt(diag(J Σ J^T)) there (eq:sdf_variance).
+
+    Raises:
+        EvaluationError: the ground truth is no mesh, or its pose no pose.
+    """
+    placed = PlacedMesh.of_truth(truth)
+    surface = trimesh.Trimesh(placed.p_world, placed.faces, process=False)
+    p_world = np.asarray(trimesh.sample.sample_surface(surface, points, seed=seed)[0])
+    # with the camera at the world's origin, camera points are world points
+    query = query_points(prior.decoder, state, gtsam.Pose3(), p_world)
+    jet = prior.decoder.linearize(query.p_object, query.code[None])
+    metres = metres_per_unit(jet.d_point, state).double()
+    jacobian = metres[:, None] * sdf_jacobian(query, jet, camera=False).double()
+    matrix = torch.as_tensor(covariance.matrix, dtype=jacobian.dtype, device=jacobian.device)
+    sigma = propagated_variance(jacobian, matrix).clamp_min(0).sqrt()
+    error = (metres * jet.value.double()).abs()
+    return SurfaceErrors(error.detach().cpu().numpy(), sigma.detach().cpu().numpy())

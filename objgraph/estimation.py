@@ -1,0 +1,56 @@
+"""What an estimator is given of an object, and what it gives back: the graph's and the paper's stand behind it."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from jaxtyping import Float
+
+from factors.state import ObjectState
+from objgraph.covariance import ObjectCovariance
+from objgraph.errors import SolveError
+from objgraph.prior.prior import ShapePrior
+from objgraph.sampling import ObjectView
+
+
+@dataclass(frozen=True)
+class EstimationTask:
+    """One object to be estimated from its views at known cameras."""
+
+    name: str
+    """Whom an error message should name."""
+    prior: ShapePrior
+    starts: tuple[ObjectState, ...]
+    """First estimates, the most promising first; an estimator may use that one alone."""
+    views: tuple[ObjectView, ...]
+    up_world: Float[np.ndarray, "3"]
+    """Unit vector against gravity, in the world frame."""
+    floor: float | None = None
+    """Height of the floor along `up_world`, where it is known."""
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """One object as an estimator found it."""
+
+    state: ObjectState
+    covariance: ObjectCovariance | None
+    """None for an estimator that gives none."""
+    cost_initial: float
+    """Of the first start, in the estimator's own objective."""
+    cost_final: float
+    linearizations: int
+    """Evaluations of loss and derivatives."""
+    error_evaluations: int
+    """Evaluations of the loss alone."""
+
+
+class Estimator(Protocol):
+    """Estimates many objects together; one object's failure is its own result and stops no other."""
+
+    def estimate(
+        self, tasks: Sequence[EstimationTask], progress: Callable[[int, int], None] | None = None
+    ) -> list[Estimate | SolveError]:
+        """A result for every task, in their order; `progress` is called with (steps done, steps at most)."""
+        ...
