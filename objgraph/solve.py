@@ -81,7 +81,8 @@ def solve(
     refreshed cost at the last slope, the start among them. `progress` is called with (rounds done, rounds at most).
     """
     config = config or SolverConfig()
-    active = [problem for problem in problems if _guarded(problem, lambda p: _begin(p, config.slopes[-1]))]
+    last = config.slopes[-1]
+    active = [problem for problem in problems if _guarded(problem, lambda p: _begin(p, last))]
     starts = {id(problem): gtsam.Values(problem.values) for problem in active}
     best: dict[int, tuple[float, gtsam.Values]] = {}
     for round_index in range(config.rounds):
@@ -95,7 +96,7 @@ def solve(
         if not active:
             break
     for problem in active:
-        if _guarded(problem, lambda p: p.refresh(config.slopes[-1])):
+        if _guarded(problem, lambda p: p.refresh(last)):
             _still_falling(problem, best, config.relative_tolerance)
     for problem in problems:
         if id(problem) in best:

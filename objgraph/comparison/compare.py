@@ -8,6 +8,8 @@ from itertools import product
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from objgraph.comparison.cases import Case, CaseSource
 from objgraph.comparison.config import ComparisonConfig, differences, digest, row_settings
 from objgraph.comparison.measure import Job
@@ -75,7 +77,23 @@ def compare(
             tell(f"{row.method}: {row.case}, {row.views} views", done, total)
         rows = list(_ordered(comparison, cases, file.rows))
     write_text(csv_text(rows), comparison.out / CSV)
+    if apart := starts_apart(rows):
+        log.warning(
+            "methods did not start alike on %d of the objects and views: versions %s made the rows of %s; give another "
+            "folder to compare them fairly",
+            len(apart), "; ".join(sorted({row.version for row in rows})), comparison.out,
+        )  # fmt: skip
     return rows
+
+
+def starts_apart(rows: Sequence[ObjectRow], tolerance: float = 1e-4) -> list[tuple[str, int]]:
+    """Objects and numbers of views on which methods began at different states, as other versions may find them."""
+    starts: dict[tuple[str, int], list[np.ndarray]] = {}
+    for row in rows:
+        if row.start_T_world_object is not None and row.start_scale is not None:
+            start = np.vstack([np.array(row.start_T_world_object)[:3].T, row.start_scale])
+            starts.setdefault((row.case, row.views), []).append(start)
+    return [key for key, found in starts.items() if np.ptp(np.stack(found), axis=0).max() > tolerance]
 
 
 def _check_cases(cases: Sequence[Case]) -> None:

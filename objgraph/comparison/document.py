@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from objgraph.comparison.bootstrap import LEVEL, RESAMPLES
-from objgraph.comparison.compare import Comparison
+from objgraph.comparison.compare import Comparison, starts_apart
 from objgraph.comparison.config import prior_hash, row_settings
 from objgraph.comparison.grid import Grid
 from objgraph.comparison.measure import WELL_RECONSTRUCTED
@@ -19,7 +19,8 @@ MEASURED = (
     "metres, degrees, seconds; rates: shares of all objects, failures among them; medians: a failure is infinite, null "
     "where that comes out; pearson: of |SDF| and its standard deviation sqrt(J S J^T) over points of the true surface, "
     "mean over well-reconstructed objects (n_well); seconds: median of the estimation alone; *_interval: percentile "
-    "bootstrap over distinct shapes, an infinite end null; paired: error of a less error of b on the same objects"
+    "bootstrap over distinct shapes, an infinite end null; paired: error of a less error of b on the same objects; "
+    "starts_apart: objects and views on which the methods did not begin at the same state, which should be none"
 )
 """What the numbers mean, for whoever reads the JSON alone."""
 
@@ -61,6 +62,7 @@ def document(
         "command": command,
         "version": program_version(),
         "rows_made_by": sorted({row.version for row in rows}),
+        "starts_apart": len(starts_apart(rows)),
         "seed": comparison.config.seed,
         "data": first["data"],
         "config": first["common"],

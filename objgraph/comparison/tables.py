@@ -38,9 +38,9 @@ def rates_table(entries: Sequence[Entry], methods: Sequence[str], data: str) -> 
         for rows in [ours, theirs] if known else [ours]:
             sections.append(tuple(tuple(row) for row in ranked(rows)))
     header = (*("Views", "Methods"), *(f"{c.capitalize()}\n{name}" for c in categories for name in _NAMES))
-    counts = ", ".join(f"{_count(entries, c)} {c}s" for c in categories)
-    theirs = ", ".join(f"{n} {c}s" for c, n in published.OBJECTS.items())
-    caption = f"{counts} here; {published.WHERE}: {theirs}. Failures count as wrong; {_MARKS}."
+    ours = ", ".join(f"{_count(entries, c)} {c}" for c in categories)
+    theirs = ", ".join(f"{n} {c}" for c, n in published.OBJECTS.items())
+    caption = f"Objects here: {ours}; {published.WHERE}: {theirs}. Failures count as wrong; {_MARKS}."
     return Grid(f"Table I: correct detection rates ({data})", header, tuple(sections), caption, words=2)
 
 
@@ -60,7 +60,7 @@ def pearson_table(entries: Sequence[Entry], methods: Sequence[str], data: str) -
             words = f"{category.capitalize()}, {_views(published.UNCERTAINTY_VIEWS)}, {published.WHERE}"
             rows.append([Cell(words, faint=True), *ranked_across(theirs)])
         sections.append(tuple(tuple(row) for row in rows))
-    theirs = ", ".join(f"{n} {c}s" for c, n in published.UNCERTAINTY_OBJECTS.items())
+    theirs = ", ".join(f"{n} {c}" for c, n in published.UNCERTAINTY_OBJECTS.items())
     caption = (
         f"Mean over well-reconstructed objects, how many in brackets: {WELL_RECONSTRUCTED}; {published.WHERE}: "
         f"{theirs}, by a rule that it does not state. {_MARKS.capitalize()}."

@@ -30,29 +30,36 @@ class SurfaceErrors:
     """|SDF| of the estimate, which is zero where it is right."""
     sigma: Float[np.ndarray, "n"]
     """Standard deviation of the SDF by the estimate's joint covariance of pose, scale and code, nothing added."""
+    metres: Float[np.ndarray, "n"] | float = 1.0
+    """Metres a unit of the decoder's SDF at each point: the paper correlates the decoder's own values."""
 
     @property
     def pearson(self) -> float | None:
-        """Correlation of the two; None where either is constant or not finite.
+        """Correlation of the two in the decoder's units; None where either is constant or not finite.
 
         Gaussian errors of known standard deviations that differ widely reach 0.80 at most.
         """
-        return float(pearsonr(self.error, self.sigma).statistic) if self._varies else None
+        return float(pearsonr(*self._canonical).statistic) if self._varies else None
 
     @property
     def spearman(self) -> float | None:
         """Correlation of their ranks; None as for `pearson`."""
-        return float(spearmanr(self.error, self.sigma).statistic) if self._varies else None
+        return float(spearmanr(*self._canonical).statistic) if self._varies else None
+
+    @property
+    def _canonical(self) -> Float[np.ndarray, "2 n"]:
+        return np.stack([self.error, self.sigma]) / self.metres
 
     @property
     def _varies(self) -> bool:
-        both = np.stack([self.error, self.sigma])
+        both = self._canonical
         return bool(np.isfinite(both).all() and (np.ptp(both, axis=1) > _CONSTANT * both.mean(axis=1)).all())
 
     def some(self, count: int, seed: int = 0) -> "SurfaceErrors":
         """A random part of the points."""
         chosen = np.random.default_rng(seed).permutation(len(self.error))[:count]
-        return SurfaceErrors(self.error[chosen], self.sigma[chosen])
+        metres = np.broadcast_to(self.metres, self.error.shape)
+        return SurfaceErrors(self.error[chosen], self.sigma[chosen], metres[chosen])
 
 
 def surface_errors(
@@ -79,4 +86,4 @@ def surface_errors(
     matrix = torch.as_tensor(covariance.matrix, dtype=jacobian.dtype, device=jacobian.device)
     sigma = propagated_variance(jacobian, matrix).clamp_min(0).sqrt()
     error = (metres * jet.value.double()).abs()
-    return SurfaceErrors(error.detach().cpu().numpy(), sigma.detach().cpu().numpy())
+    return SurfaceErrors(*(array.detach().cpu().numpy() for array in (error, sigma, metres)))

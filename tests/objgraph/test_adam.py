@@ -1,6 +1,7 @@
 """The paper's estimator and DSP-SLAM's Gauss-Newton: every derivative against a loss that is written here anew."""
 
 from dataclasses import replace
+from typing import Any
 
 import gtsam
 import numpy as np
@@ -20,7 +21,7 @@ from objgraph.adam.estimator import _Descent
 from objgraph.adam.pool import Pool
 from objgraph.adam.terms import DrawnRays, Linearized, RaySteps, draw_rays, linearize
 from objgraph.errors import SolveError
-from objgraph.estimation import Estimate, EstimationTask
+from objgraph.estimation import Estimate, EstimationTask, Estimator
 from objgraph.evaluation.methods import METHODS
 from objgraph.sampling import ObjectView, SamplingConfig, observe
 from objgraph.solve import LevenbergMarquardtConfig, SolverConfig
@@ -248,6 +249,21 @@ def test_loss_and_gradients_are_those_of_the_papers_loss(config, renderer):
     np.testing.assert_allclose(d_variance, expected, rtol=1e-3, atol=1e-4 * np.abs(expected).max())
 
 
+@pytest.mark.parametrize("renderer", [Probabilistic(), Sampled(), Deterministic()])
+@pytest.mark.parametrize("uncertainty", [True, False])
+def test_single_precision_gives_the_same_gradients(renderer, uncertainty):
+    config = replace(SMALL, uncertainty=uncertainty)
+    double, single = (
+        loss_and_gradients(found, *drawn_at_start(found))
+        for found in (
+            descent(config, renderer, task(decoder=decoder)) for decoder in (DECODER, ToyDecoder().float())
+        )
+    )
+    assert single[0] == pytest.approx(double[0], rel=1e-4)
+    for one, other in zip(single[1:], double[1:], strict=True):
+        assert np.linalg.norm(one - other) <= 1e-3 * np.linalg.norm(other)
+
+
 def test_linearized_points_are_those_of_single_objects(monkeypatch):
     """Decoded together and in pieces, each point is of its own object; one object may have none."""
     monkeypatch.setattr(terms, "CHUNK", 7)
@@ -419,9 +435,9 @@ def test_the_papers_estimate_of_the_score_tends_to_the_closed_form():
     assert (np.array(errors[0]) > np.array(errors[-1])).all()
 
 
-def quick(name: str):
+def quick(name: str) -> Estimator:
     """A method with few points, rays and iterations."""
-    estimator = METHODS[name].estimator()
+    estimator: Any = METHODS[name].estimator()
     if isinstance(estimator, AdamEstimator):
         config = replace(estimator.config, iterations=25, points=100, rays=80, steps=RaySteps(samples=30))
         return replace(estimator, config=config)
@@ -437,8 +453,7 @@ def test_every_method_comes_nearer(name):
     (found,) = quick(name).estimate([one], lambda done, total: told.append((done, total)))
     assert isinstance(found, Estimate)
     assert found.cost_final < 0.8 * found.cost_initial
-    if name != "node-slam":  # at this distance a few of its steps move the depth but not yet the pose
-        assert pose_error(found.state) < pose_error(one.starts[0])
+    assert pose_error(found.state) < pose_error(one.starts[0])
     assert told
     assert told == sorted(told)
     assert told[-1][0] <= told[-1][1]

@@ -9,8 +9,9 @@ import pytest
 
 from objgraph.comparison import compare as comparing
 from objgraph.comparison import config as comparison_config
+from objgraph.comparison import measure as comparing_measure
 from objgraph.comparison import runner
-from objgraph.comparison.compare import CSV, ROWS, Comparison, compare
+from objgraph.comparison.compare import CSV, ROWS, Comparison, compare, starts_apart
 from objgraph.comparison.measure import Job, measure
 from objgraph.comparison.rows import ObjectRow
 from objgraph.errors import EvaluationError
@@ -223,6 +224,19 @@ class Mended(FakeEstimator):
 
     def _one(self, task):
         return FakeEstimator()._one(task)
+
+
+def test_methods_that_did_not_start_alike_are_told(tmp_path, monkeypatch, caplog):
+    comparison = toy_comparison(tmp_path, methods=("near",), cases=2, views=(1,))
+    compare(comparison)
+    both = replace(comparison, methods=("near", "far"))
+    with monkeypatch.context() as patch:
+        moved = FakeCase(0).state().retract(np.full(13, 0.01))
+        patch.setattr(comparing_measure, "rank", lambda *_: ([moved], []))
+        rows = compare(both, version="2")
+    assert starts_apart(rows) == [("chair-0", 1), ("chair-1", 1)]
+    assert "did not start alike on 2 of the objects" in caplog.text
+    assert starts_apart([each for each in rows if each.method == "near"]) == []
 
 
 def refused(comparison: Comparison) -> str:

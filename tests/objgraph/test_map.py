@@ -13,6 +13,7 @@ from scipy.spatial.transform import Rotation
 from objgraph import map_files
 from objgraph.errors import MapError
 from objgraph.map import COVARIANCE_AXES, EVALUATION_KEYS, MappedObject, ObjectMap, PriorReference
+from objgraph.map_estimate import OtherEstimate
 
 UP = np.array([0.0, 0.0, 1.0])
 JSON_NAMES = [
@@ -26,6 +27,8 @@ JSON_NAMES = [
     "covariance",
     "covariance_axes",
     "code_sigma",
+    "estimator",
+    "other",
     "cost_initial",
     "cost_final",
     "linearizations",
@@ -38,6 +41,21 @@ JSON_NAMES = [
     "prior",
     "evaluation",
 ]
+
+
+def other(seed: int = 0, **changes) -> OtherEstimate:
+    rng = np.random.default_rng(seed)
+    T = np.eye(4)
+    T[:3, :3] = Rotation.random(rng=rng).as_matrix()
+    given = {
+        "estimator": "adam",
+        "T_world_object": T,
+        "scale": rng.uniform(0.5, 2, 3),
+        "code": rng.normal(size=8),
+        "covariance": np.diag(rng.uniform(0, 1, 9)),
+        "code_sigma": rng.uniform(0, 1, 8),
+    }
+    return OtherEstimate(**(given | changes))
 
 
 def mapped(identifier: int = 1, seed: int = 0, **changes) -> MappedObject:
@@ -55,6 +73,7 @@ def mapped(identifier: int = 1, seed: int = 0, **changes) -> MappedObject:
         "code": rng.normal(size=8),
         "covariance": root @ root.T,
         "code_sigma": rng.uniform(0, 1, 8),
+        "estimator": "graph",
         "cost_initial": 120.5,
         "cost_final": 3.25,
         "linearizations": 12,
@@ -100,11 +119,16 @@ finite = st.floats(-1e6, 1e6)
     views=st.lists(st.text(max_size=5), max_size=4),
     evaluation=st.none()
     | st.dictionaries(st.sampled_from(EVALUATION_KEYS), st.none() | st.booleans() | finite),
-    drop=st.sets(st.sampled_from(["covariance", "vertex_sigma", "size_m", "prior", "seconds", "code_sigma"])),
+    drop=st.sets(
+        st.sampled_from(
+            ["covariance", "vertex_sigma", "size_m", "prior", "seconds", "code_sigma", "estimator"]
+        )
+    ),
+    second=st.none() | st.builds(other, st.integers(0, 2**31), estimator=st.text(min_size=1, max_size=6)),
     reason=st.text(min_size=1, max_size=20),
 )
 def test_a_saved_map_comes_back_as_it_was(
-    tmp_path_factory, seed, category, scene, code, cost, stages, views, evaluation, drop, reason
+    tmp_path_factory, seed, category, scene, code, cost, stages, views, evaluation, drop, second, reason
 ):
     entry = mapped(
         3,
@@ -115,6 +139,7 @@ def test_a_saved_map_comes_back_as_it_was(
         seconds_by_stage=stages,
         views=tuple(views),
         evaluation=evaluation,
+        other=second,
         **({"code_sigma": np.ones(len(code))} | dict.fromkeys(drop)),
     )
     folder = tmp_path_factory.mktemp("map")
@@ -130,8 +155,10 @@ def test_the_document_has_the_promised_names_and_failed_objects_have_nulls(tmp_p
     ObjectMap("room", (mapped(1), failed(9)), UP).save(tmp_path)
     document = json.loads((tmp_path / "map.json").read_text())
     assert set(document) == {"version", "scene", "up_world", "objects"}
+    assert document["version"] == 2
     good, bad = document["objects"]
     assert set(good) == set(bad) == set(JSON_NAMES)
+    assert (good["estimator"], good["other"]) == ("graph", None)
     assert good["covariance_axes"] == list(COVARIANCE_AXES)
     assert len(good["covariance_axes"]) == 9
     assert good["prior"] == {"name": "chair", "hash": "ab12"}
@@ -140,8 +167,11 @@ def test_the_document_has_the_promised_names_and_failed_objects_have_nulls(tmp_p
     assert bad["status"] == "failed"
     assert bad["reason"] == "seen in 12 pixels"
     assert all(
-        bad[name] is None for name in ("T_world_object", "scale", "code", "covariance", "mesh", "prior")
-    )
+        bad[name] is None
+        for name in (
+            "T_world_object", "scale", "code", "covariance", "mesh", "prior", "estimator", "other",
+        )
+    )  # fmt: skip
 
 
 def test_the_glb_is_in_the_world_frame_with_colours_that_follow_sigma(tmp_path):
@@ -228,6 +258,65 @@ def test_what_cannot_be_is_refused_with_object_and_field(changes, complaint):
         mapped(7, **changes)
 
 
+@pytest.mark.parametrize(
+    ("changes", "complaint"),
+    [
+        ({"estimator": None}, "estimator"),
+        ({"T_world_object": None}, "T_world_object is missing"),
+        ({"scale": None}, "scale is missing"),
+        ({"code": None}, "code is missing"),
+        ({"covariance": None}, "covariance is missing"),
+        ({"code_sigma": None}, "code_sigma is missing"),
+        ({"T_world_object": np.eye(3)}, "T_world_object has shape"),
+        ({"T_world_object": np.diag([2.0, 2, 2, 1])}, "the pose must be rigid"),
+        ({"T_world_object": np.diag([1.0, 1, -1, 1])}, "the pose must be rigid"),
+        ({"scale": [1, 0, 1]}, "scale positive"),
+        ({"scale": "x"}, "scale is no array"),
+        ({"code": np.ones((2, 4))}, "code has shape"),
+        ({"covariance": np.eye(8)}, "covariance has shape"),
+        ({"covariance": np.diag([1.0] * 8 + [-1e-3])}, "covariance"),
+        ({"code_sigma": np.ones(3)}, "code_sigma"),
+    ],
+)
+def test_another_estimate_that_cannot_be_is_refused(changes, complaint):
+    with pytest.raises(MapError, match=f"other estimate.*{complaint}"):
+        other(**changes)
+
+
+@given(
+    name=st.sampled_from(["T_world_object", "scale", "code", "covariance", "code_sigma"]),
+    value=st.sampled_from([np.nan, np.inf, -np.inf]),
+    where=st.integers(0, 80),
+)
+def test_another_estimate_is_finite(name, value, where):
+    array = np.array(getattr(other(), name))
+    array.flat[where % array.size] = value
+    with pytest.raises(MapError, match=f"other estimate: {name} is not finite"):
+        other(**{name: array})
+
+
+@given(st.integers(0, 2**31))
+def test_another_estimate_comes_back_from_its_json(seed):
+    one = other(seed)
+    again = OtherEstimate.from_json(json.loads(json.dumps(one.to_json())))
+    assert again == one
+    for name in ("T_world_object", "scale", "code", "covariance", "code_sigma"):
+        np.testing.assert_array_equal(getattr(again, name), getattr(one, name))
+        assert not getattr(again, name).flags.writeable
+    assert one != other(seed, estimator="graph")
+    assert one != other(seed, code=one.code + 1e-9)
+    assert one != one.to_json()
+
+
+@pytest.mark.parametrize(
+    "document",
+    [None, 3, [], {}, {"estimator": "adam"}, other().to_json() | {"more": 1}],
+)
+def test_json_of_another_estimate_has_its_names_and_no_more(document):
+    with pytest.raises(MapError, match="other estimate must have estimator, T_world_object, scale, code"):
+        OtherEstimate.from_json(document)
+
+
 def test_ids_are_unique_and_up_is_a_unit_vector():
     with pytest.raises(MapError, match=r"id \[1\]"):
         ObjectMap("room", (mapped(1), failed(1)), UP)
@@ -247,6 +336,13 @@ def broken(folder, change):
     [
         (lambda d: d.pop("scene"), "scene missing"),
         (lambda d: d.update(version=99), "version 99"),
+        (lambda d: d.update(version=1), "version 1 "),
+        (lambda d: d["objects"][0].pop("other"), r"objects\[0\]: other missing"),
+        (lambda d: d["objects"][0].update(other=3), r"objects\[0\]: other estimate must have estimator, T_w"),
+        (
+            lambda d: d["objects"][0].update(other=other().to_json() | {"scale": [1, 2]}),
+            r"objects\[0\]: other estimate: scale has shape",
+        ),
         (lambda d: d.update(objects={}), "objects is no list"),
         (lambda d: d.update(objects=[3]), r"objects\[0\] is no JSON object"),
         (lambda d: d.update(up_world=[1, 2]), "up_world"),

@@ -12,7 +12,9 @@ from scipy.stats import chi2
 
 from factors.state import ObjectState
 from objgraph import mapping
-from objgraph.errors import InitialisationError, ObservationError
+from objgraph.adam import AdamConfig
+from objgraph.adam.terms import RaySteps
+from objgraph.errors import InitialisationError, ObservationError, SolveError
 from objgraph.evaluation.maps import evaluated
 from objgraph.graph import GraphConfig
 from objgraph.initialise import InitialisationConfig, single_object_graph
@@ -139,7 +141,8 @@ def test_a_mapped_object_s_fields_agree(toy_map, instance):
     assert (found.code_sigma < CONFIG.graph.code_spread * np.sqrt(0.5)).all()
     assert 0 < found.cost_final <= found.cost_initial
     assert found.error_evaluations >= found.linearizations > 0
-    assert set(found.seconds_by_stage) == {"observe", "initialise", "solve", "covariance", "mesh"}
+    assert (found.estimator, found.other) == ("graph", None)
+    assert set(found.seconds_by_stage) == {"observe", "initialise", "solve", "mesh"}
     assert found.seconds == pytest.approx(sum(found.seconds_by_stage.values()))
     # frames without a pose take no other's place
     assert len(found.views) == CONFIG.views
@@ -236,6 +239,64 @@ def test_the_same_seed_gives_the_same_map():
     np.testing.assert_array_equal(one.T_world_object, two.T_world_object)
     np.testing.assert_array_equal(one.code, two.code)
     np.testing.assert_array_equal(one.covariance, two.covariance)
+
+
+ADAM = AdamConfig(iterations=40, points=100, rays=60, steps=RaySteps(samples=30))
+
+
+@pytest.fixture(scope="module")
+def by_estimator() -> dict[str, Any]:
+    """One chair, mapped by either estimator and by both."""
+    state = toy_state(1.0)
+    views = [observe(toy_frame([state], a, seed=i), 1, CONFIG.sampling) for i, a in enumerate((0.3, 2.0))]
+    found = {}
+    for estimator in ("graph", "adam", "both"):
+        config = replace(CONFIG, estimator=estimator, adam=ADAM)
+        found[estimator] = map_object(Instance(1, "chair"), toy_prior(), views, UP, 0.0, config)
+    return found
+
+
+def test_both_estimators_stand_side_by_side(by_estimator):
+    graph, adam, both = (by_estimator[name] for name in ("graph", "adam", "both"))
+    assert (graph.estimator, graph.other) == ("graph", None)
+    assert (adam.estimator, adam.other) == ("adam", None)
+    assert both.estimator == "graph"
+    assert both.other.estimator == "adam"
+    for name in ("T_world_object", "scale", "code", "covariance", "code_sigma"):
+        np.testing.assert_array_equal(getattr(both, name), getattr(graph, name))
+        np.testing.assert_array_equal(getattr(both.other, name), getattr(adam, name))
+        assert np.abs(getattr(graph, name) - getattr(adam, name)).max() > 1e-6
+    assert (both.cost_initial, both.cost_final) == (graph.cost_initial, graph.cost_final)
+
+
+@pytest.mark.parametrize("name", ["adam", "both"])
+def test_an_estimate_by_gradients_is_a_whole_entry(by_estimator, name, tmp_path):
+    entry = by_estimator[name]
+    ObjectMap("chair", (entry,), UP).save(tmp_path)
+    (again,) = ObjectMap.load(tmp_path).objects
+    assert (again.estimator, again.other) == (entry.estimator, entry.other)
+    np.testing.assert_array_equal(again.covariance, entry.covariance)
+    truth = toy_state(1.0)
+    for found in (entry, entry.other) if entry.other else (entry,):
+        between = truth.T_world_object.between(gtsam.Pose3(found.T_world_object))
+        assert np.linalg.norm(gtsam.Rot3.Logmap(between.rotation())) < np.radians(10)
+        assert np.linalg.norm(between.translation()) < 0.1
+    estimate = entry.other or entry
+    np.testing.assert_array_equal(estimate.covariance, np.diag(np.diag(estimate.covariance)))
+    # the mesh is that of the entry's own estimate
+    T = entry.T_world_object
+    p_object = (entry.vertices - T[:3, 3]) @ T[:3, :3] / entry.scale
+    np.testing.assert_allclose(np.ptp(p_object, axis=0), toy_mesh(entry.code.copy()).extents, atol=0.03)
+    assert np.isfinite(entry.vertex_sigma).all()
+    assert entry.cost_final < entry.cost_initial
+
+
+def test_an_estimate_without_covariance_cannot_be_mapped():
+    state = toy_state(1.0)
+    views = [observe(toy_frame([state], 0.3), 1, CONFIG.sampling)]
+    certain = replace(CONFIG, estimator="adam", adam=replace(ADAM, iterations=2, uncertainty=False))
+    with pytest.raises(SolveError, match=r"chair 3: .*no covariance"):
+        map_object(Instance(3, "chair"), toy_prior(), views, UP, 0.0, certain)
 
 
 def test_the_covariance_of_many_chairs_covers_their_truth():
