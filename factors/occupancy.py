@@ -103,9 +103,10 @@ def beta_parameters(moments: OccupancyMoments) -> tuple[Float[Tensor, "..."], Fl
     Mean and variance of the result are the given ones, so the rendered depth's are the same with and without it;
     the shape matters only to whoever asks for quantiles.
     """
+    mean = moments.mean.clamp(1e-12, 1 - 1e-12)
     variance = (moments.second - moments.mean.square()).clamp_min(1e-12)
-    strength = (moments.mean * (1 - moments.mean) / variance - 1).clamp_min(1e-12)
-    return moments.mean * strength, (1 - moments.mean) * strength
+    strength = (mean * (1 - mean) / variance - 1).clamp_min(1e-12)
+    return mean * strength, (1 - mean) * strength
 
 
 def depth_mean(

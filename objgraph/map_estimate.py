@@ -36,6 +36,8 @@ class OtherEstimate:
     code_sigma: Float[np.ndarray, "l"]
 
     def __post_init__(self) -> None:
+        if not isinstance(self.estimator, str) or not self.estimator:
+            raise MapError(f"other estimate: estimator is no text ({self.estimator!r})")
         for name, shape in _SHAPES.items():
             where = f"other estimate: {name}"
             value = map_checks.array(where, getattr(self, name), shape, np.float64)
@@ -44,8 +46,12 @@ class OtherEstimate:
             object.__setattr__(self, name, value)
         if not map_checks.is_rigid(self.T_world_object) or not (self.scale > 0).all():
             raise MapError("other estimate: the pose must be rigid and the scale positive")
-        if (np.diagonal(self.covariance) < 0).any() or len(self.code) != len(self.code_sigma):
-            raise MapError("other estimate: covariance or code_sigma do not fit")
+        if (np.diagonal(self.covariance) < 0).any() or (self.code_sigma < 0).any():
+            raise MapError("other estimate: a variance or a standard deviation is negative")
+        if len(self.code) != len(self.code_sigma):
+            raise MapError(
+                f"other estimate: code_sigma has {len(self.code_sigma)} entries, the code {len(self.code)}"
+            )
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, OtherEstimate) and self.to_json() == other.to_json()

@@ -151,7 +151,9 @@ def map_object(
     name = f"{instance.category} {instance.id}"
     task = EstimationTask(name, prior, tuple(states), tuple(views), up_world, floor)
     with clock.stage("solve"):
-        estimate, *others = [_estimated(estimator, task) for estimator in _estimators(config)]
+        first, *rest = _estimators(config)
+        estimate = _estimated(first, task)
+        other = _beside(rest[0], task) if rest else None
     with clock.stage("mesh"):
         state, covariance = estimate.state, estimate.covariance
         mesh = extract_mesh(prior.decoder, state.code, resolution=config.mesh_resolution)
@@ -166,7 +168,7 @@ def map_object(
         covariance=covariance.rigid,
         code_sigma=np.sqrt(np.diag(covariance.code)),
         estimator="adam" if config.estimator == "adam" else "graph",
-        other=_other(others[0]) if others else None,
+        other=other,
         cost_initial=estimate.cost_initial,
         cost_final=estimate.cost_final,
         linearizations=estimate.linearizations + sum(p.linearizations for p in tried),
@@ -197,7 +199,13 @@ def _estimated(estimator: Estimator, task: EstimationTask) -> _Found:
     return _Found(**vars(result))
 
 
-def _other(estimate: _Found) -> OtherEstimate:
+def _beside(estimator: Estimator, task: EstimationTask) -> OtherEstimate | None:
+    """The second estimate; where it fails the first one stands alone."""
+    try:
+        estimate = _estimated(estimator, task)
+    except SolveError as error:
+        log.warning("only one estimator succeeded: %s", error)
+        return None
     state, covariance = estimate.state, estimate.covariance
     return OtherEstimate(
         covariance.source,

@@ -19,7 +19,7 @@ from factors.score import energy_score, energy_score_monte_carlo
 from factors.sdf_decoder import SdfDecoder
 from factors.state import RIGID_DOF, ObjectState
 from objgraph.adam.pool import Pool
-from objgraph.adam.terms import DrawnRays, Linearized, RaySteps, draw_rays, linearize
+from objgraph.adam.terms import DrawnRays, Linearized, RaySteps, draw_rays, linearize, unusable
 from objgraph.covariance import ObjectCovariance
 from objgraph.errors import SolveError
 from objgraph.estimation import Estimate, EstimationTask
@@ -62,7 +62,7 @@ class AdamConfig:
 
 @dataclass(frozen=True)
 class AdamEstimator:
-    """All objects of one decoder descend together; each keeps the lowest of the losses it is judged by.
+    """All objects of one decoder descend together; each takes its last iterate, as in the paper.
 
     Settings and `renderer` make it the paper's method, its variants, DSP-SLAM* and Node-SLAM*.
     """
@@ -77,7 +77,9 @@ class AdamEstimator:
         results: list[Estimate | SolveError | None] = [None] * len(tasks)
         groups: dict[int, list[int]] = {}
         for i, task in enumerate(tasks):
-            groups.setdefault(id(task.prior.decoder), []).append(i)
+            results[i] = unusable(task)
+            if results[i] is None:
+                groups.setdefault(id(task.prior.decoder), []).append(i)
         total = len(groups) * self.config.iterations
         for g, indices in enumerate(groups.values()):
 
@@ -109,46 +111,57 @@ class _Descent:
             [torch.as_tensor(np.asarray(task.prior.code_mean, float)).to(like) for task in tasks]
         )
         self.failures: dict[int, str] = {}
-        self.costs: list[Tensor] = []
 
     def run(self, progress: Callable[[int], None]) -> list[Estimate | SolveError]:
         optimizer = torch.optim.Adam([self.delta, self.log_variance], lr=self.config.learning_rate)
-        rays: list[DrawnRays] = []
-        points: list[np.ndarray] = []
+        judged = drawn = self._draw()
+        rays = draw_rays(self.decoder, self.states, drawn, self.config.steps)
+        with torch.no_grad():
+            first = self._losses(drawn, rays, 0)
         for i in range(self.config.iterations):
-            if i % self.config.redraw == 0:
-                drawn = [
-                    pool.draw(rng, self.config.points, self.config.rays)
-                    for pool, rng in zip(self.pools, self.rngs, strict=True)
-                ]
-                points = [each.p_world for each in drawn]
+            if i > 0 and i % self.config.redraw == 0:
+                drawn = self._draw()
                 rays = draw_rays(self.decoder, self.states, drawn, self.config.steps)
-            self._gradients(points, rays, i)
+            self._gradients(drawn, rays, i)
             optimizer.step()
             self._move()
             progress(i + 1)
-        return [self._result(i) for i in range(len(self.tasks))]
+        # on the points and rays of the first, so that the two can be compared
+        rays = draw_rays(self.decoder, self.states, judged, self.config.steps)
+        with torch.no_grad():
+            last = self._losses(judged, rays, 0)
+        return [self._result(i, float(first[i]), float(last[i])) for i in range(len(self.tasks))]
 
-    def _gradients(self, points: Sequence[np.ndarray], rays: Sequence[DrawnRays], iteration: int) -> None:
-        both = linearize(
-            self.decoder,
-            self.states,
-            [np.concatenate([p, r.p_near]) for p, r in zip(points, rays, strict=True)],
-        )
+    def _draw(self) -> list[Pool]:
+        config = self.config
+        return [
+            pool.draw(rng, config.points, config.rays)
+            for pool, rng in zip(self.pools, self.rngs, strict=True)
+        ]
+
+    def _gradients(self, drawn: Sequence[Pool], rays: Sequence[DrawnRays], iteration: int) -> None:
         self.delta.grad, self.log_variance.grad = None, None
-        losses = []
-        for i, (found, p, ray) in enumerate(zip(both, points, rays, strict=True)):
-            surface = Linearized(found.sdf[: len(p)], found.jacobian[: len(p)])
-            near = Linearized(found.sdf[len(p) :], found.jacobian[len(p) :])
-            losses.append(self._loss(i, surface, near, ray, iteration))
-        loss = torch.stack(losses)
-        self.costs.append(loss.detach())
+        loss = self._losses(drawn, rays, iteration)
         loss.sum().backward()
         for i in (~torch.isfinite(loss)).nonzero()[:, 0].tolist():
             self.failures.setdefault(i, f"the loss is not finite after {iteration} iterations")
         for grad in (self.delta.grad, self.log_variance.grad):
             if grad is not None:
                 grad.nan_to_num_(0.0, 0.0, 0.0)
+
+    def _losses(self, drawn: Sequence[Pool], rays: Sequence[DrawnRays], iteration: int) -> Float[Tensor, "b"]:
+        points = [each.p_world for each in drawn]
+        both = linearize(
+            self.decoder,
+            self.states,
+            [np.concatenate([p, r.p_near]) for p, r in zip(points, rays, strict=True)],
+        )
+        losses = []
+        for i, (found, p, ray) in enumerate(zip(both, points, rays, strict=True)):
+            surface = Linearized(found.sdf[: len(p)], found.jacobian[: len(p)])
+            near = Linearized(found.sdf[len(p) :], found.jacobian[len(p) :])
+            losses.append(self._loss(i, surface, near, ray, iteration))
+        return torch.stack(losses)
 
     def _loss(
         self, i: int, surface: Linearized, near: Linearized, rays: DrawnRays, iteration: int
@@ -190,7 +203,7 @@ class _Descent:
                     self.states[i] = self.states[i].retract(step)
             self.delta.zero_()
 
-    def _result(self, i: int) -> Estimate | SolveError:
+    def _result(self, i: int, first: float, last: float) -> Estimate | SolveError:
         task = self.tasks[i]
         if i in self.failures:
             return SolveError(f"{task.name}: {self.failures[i]}")
@@ -201,8 +214,8 @@ class _Descent:
         return Estimate(
             self.states[i],
             covariance,
-            float(self.costs[0][i]),
-            float(self.costs[-1][i]),
+            first,
+            last,
             linearizations=self.config.iterations,
-            error_evaluations=-(-self.config.iterations // self.config.redraw),
+            error_evaluations=2,
         )

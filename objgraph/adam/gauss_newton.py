@@ -13,7 +13,7 @@ from jaxtyping import Float
 from factors.gaussian_depth import Deterministic
 from factors.state import RIGID_DOF, ObjectState
 from objgraph.adam.pool import Pool
-from objgraph.adam.terms import DrawnRays, RaySteps, draw_rays, linearize
+from objgraph.adam.terms import DrawnRays, RaySteps, draw_rays, linearize, unusable
 from objgraph.errors import SolveError
 from objgraph.estimation import Estimate, EstimationTask
 
@@ -48,7 +48,7 @@ class GaussNewtonEstimator:
         """See `Estimator`; the first start of every task is used."""
         results = []
         for i, task in enumerate(tasks):
-            results.append(self._one(task))
+            results.append(unusable(task) or self._one(task))
             if progress is not None:
                 progress(i + 1, len(tasks))
         return results
@@ -57,10 +57,12 @@ class GaussNewtonEstimator:
         config = self.config
         drawn = Pool.of(task.views).draw(np.random.default_rng(config.seed), config.points, config.rays)
         state, costs = task.starts[0], []
-        for _ in range(config.iterations):
+        for i in range(config.iterations + 1):
             (rays,) = draw_rays(task.prior.decoder, [state], [drawn], config.steps)
             cost, H, gradient = self._normal_equations(task, state, drawn, rays)
             costs.append(cost)
+            if i == config.iterations:
+                break
             try:
                 step = np.linalg.solve(H, -gradient)
             except np.linalg.LinAlgError:
@@ -68,7 +70,7 @@ class GaussNewtonEstimator:
             if not np.isfinite(step).all():
                 return SolveError(f"{task.name}: the normal equations have no solution")
             state = state.retract(step)
-        return Estimate(state, None, costs[0], costs[-1], config.iterations, config.iterations)
+        return Estimate(state, None, costs[0], costs[-1], config.iterations + 1, 0)
 
     def _normal_equations(
         self, task: EstimationTask, state: ObjectState, drawn: Pool, rays: DrawnRays
