@@ -47,7 +47,7 @@ class OtherEstimate:
         if not map_checks.is_rigid(self.T_world_object) or not (self.scale > 0).all():
             raise MapError("other estimate: the pose must be rigid and the scale positive")
         if (np.diagonal(self.covariance) < 0).any() or (self.code_sigma < 0).any():
-            raise MapError("other estimate: a variance or a standard deviation is negative")
+            raise MapError("other estimate: covariance or code_sigma has a negative entry")
         if len(self.code) != len(self.code_sigma):
             raise MapError(
                 f"other estimate: code_sigma has {len(self.code_sigma)} entries, the code {len(self.code)}"

@@ -139,7 +139,10 @@ class _Descent:
             for pool, rng in zip(self.pools, self.rngs, strict=True)
         ]
 
-    def _gradients(self, drawn: Sequence[Pool], rays: Sequence[DrawnRays], iteration: int) -> None:
+    def _gradients(
+        self, drawn: Sequence[Pool], rays: Sequence[DrawnRays], iteration: int
+    ) -> Float[Tensor, "b"]:
+        """Each object's loss; the derivatives of all are left with the two leaves."""
         self.delta.grad, self.log_variance.grad = None, None
         loss = self._losses(drawn, rays, iteration)
         loss.sum().backward()
@@ -148,6 +151,7 @@ class _Descent:
         for grad in (self.delta.grad, self.log_variance.grad):
             if grad is not None:
                 grad.nan_to_num_(0.0, 0.0, 0.0)
+        return loss.detach()
 
     def _losses(self, drawn: Sequence[Pool], rays: Sequence[DrawnRays], iteration: int) -> Float[Tensor, "b"]:
         points = [each.p_world for each in drawn]
