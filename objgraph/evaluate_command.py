@@ -15,6 +15,7 @@ from objgraph.comparison.cases import CaseSource
 from objgraph.comparison.compare import ROWS, Comparison, compare
 from objgraph.comparison.config import ComparisonConfig
 from objgraph.comparison.document import document, markdown, program_version
+from objgraph.comparison.methods import METHODS
 from objgraph.comparison.plots import error_plot, uncertainty_plot
 from objgraph.comparison.rows import ObjectRow, write_text
 from objgraph.comparison.scan_cases import ScanSource, read_split
@@ -24,7 +25,6 @@ from objgraph.comparison.tables import all_tables
 from objgraph.datasets.registry import datasets
 from objgraph.errors import EvaluationError
 from objgraph.evaluation.mesh_folder import write_json
-from objgraph.evaluation.methods import METHODS
 
 List = Annotated[tuple[str, ...], tyro.conf.arg(metavar="A,B,..")]
 

@@ -13,10 +13,10 @@ import numpy as np
 from objgraph.comparison.cases import Case, CaseSource
 from objgraph.comparison.config import ComparisonConfig, differences, digest, row_settings
 from objgraph.comparison.measure import Job
+from objgraph.comparison.methods import method
 from objgraph.comparison.rows import Key, ObjectRow, RowFile, csv_text, write_text
 from objgraph.comparison.runner import run
 from objgraph.errors import EvaluationError
-from objgraph.evaluation.methods import method
 
 log = logging.getLogger(__name__)
 

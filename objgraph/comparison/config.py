@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from objgraph.comparison.cases import CaseSource
+from objgraph.comparison.methods import method
 from objgraph.comparison.uncertainty import POINTS
-from objgraph.evaluation.methods import method
 from objgraph.graph import GraphConfig
 from objgraph.initialise import InitialisationConfig
 from objgraph.prior.prior import ShapePrior

@@ -18,7 +18,7 @@ from objgraph.comparison.summary import WORST
 MEASURED = (
     "metres, degrees, seconds; rates: shares of all objects, failures among them; medians: a failure is infinite, null "
     "where that comes out; pearson: of |SDF| and its standard deviation sqrt(J S J^T) over points of the true surface, "
-    "mean over well-reconstructed objects (n_well); seconds: median of the estimation alone; *_interval: percentile "
+    "mean over well-reconstructed objects (n_well); seconds: median of the estimation alone, seconds_cpu in processor time; *_interval: percentile "
     "bootstrap over distinct shapes, an infinite end null; paired: error of a less error of b on the same objects; "
     "starts_apart: objects and views on which the methods did not begin at the same state, which should be none"
 )

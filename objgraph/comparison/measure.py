@@ -11,11 +11,11 @@ import numpy as np
 from factors.state import ObjectState
 from objgraph.comparison.cases import Case
 from objgraph.comparison.config import ComparisonConfig, find_prior
+from objgraph.comparison.methods import method
 from objgraph.comparison.rows import ObjectRow, plain
 from objgraph.comparison.uncertainty import SurfaceErrors, surface_errors
 from objgraph.errors import InitialisationError, ObjectGraphError, ObservationError, SolveError
 from objgraph.estimation import Estimate, EstimationTask
-from objgraph.evaluation.methods import method
 from objgraph.evaluation.metrics import Evaluation, evaluate_object
 from objgraph.initialise import guesses, rank
 from objgraph.mapping import scene_floor
@@ -144,9 +144,9 @@ def _estimated(
     """The row of one method's estimate; only what is done after it sees the ground truth."""
     task = EstimationTask(case.id, seen.prior, (start,), tuple(views), seen.scan.up_world, seen.floor)
     estimator = method(row.method).estimator()
-    begun = time.perf_counter()
+    begun, begun_cpu = time.perf_counter(), time.process_time()
     (estimate,) = estimator.estimate([task])
-    row = replace(row, seconds=time.perf_counter() - begun)
+    row = replace(row, seconds=time.perf_counter() - begun, seconds_cpu=time.process_time() - begun_cpu)
     if isinstance(estimate, SolveError):
         return replace(row, failure=str(estimate))
     row = replace(row, **_description(estimate))

@@ -52,7 +52,9 @@ class ObjectRow:
     """Of |SDF| and its standard deviation over points of the true surface."""
     spearman: float | None = None
     seconds: float | None = None
-    """Of the estimation alone."""
+    """Of the estimation alone, by the clock."""
+    seconds_cpu: float | None = None
+    """The same in this process's processor time, which other processes do not lengthen."""
     seconds_initialise: float | None = None
     """Of what all methods start from."""
     cost_initial: float | None = None

@@ -78,6 +78,7 @@ def _entry(name: str, group: Group, rows: Sequence[ObjectRow], seed: int) -> dic
         "median_rotation_deg": draws.median(_values(rows, lambda row: row.rotation_deg)),
         "median_chamfer_m": draws.median(_values(rows, lambda row: row.chamfer_m)),
         "seconds": draws.median(_values(rows, lambda row: row.seconds), timed),
+        "seconds_cpu": draws.median(_values(rows, lambda row: row.seconds_cpu), timed),
     }
     return {
         "method": name,

@@ -13,11 +13,11 @@ from factors.state import ObjectState
 from objgraph.comparison import config as comparison_config
 from objgraph.comparison import measure
 from objgraph.comparison.config import ComparisonConfig
+from objgraph.comparison.methods import METHODS, Method
 from objgraph.comparison.rows import ObjectRow
 from objgraph.covariance import RIGID_AXES, ObjectCovariance
 from objgraph.errors import ObservationError, SolveError
 from objgraph.estimation import Estimate, EstimationTask
-from objgraph.evaluation.methods import METHODS, Method
 from objgraph.initialise import InitialisationConfig
 from objgraph.observation import GroundTruth, Instance, Scan
 from objgraph.sampling import SamplingConfig

@@ -20,9 +20,9 @@ from objgraph.adam import AdamConfig, AdamEstimator, GaussNewtonConfig, GaussNew
 from objgraph.adam.estimator import _Descent
 from objgraph.adam.pool import Pool
 from objgraph.adam.terms import DrawnRays, Linearized, RaySteps, draw_rays, linearize
+from objgraph.comparison.methods import METHODS
 from objgraph.errors import SolveError
 from objgraph.estimation import Estimate, EstimationTask, Estimator
-from objgraph.evaluation.methods import METHODS
 from objgraph.sampling import ObjectView, SamplingConfig, observe
 from objgraph.solve import LevenbergMarquardtConfig, SolverConfig
 from tests.toys import TOY_CODE, ToyDecoder, toy_frame, toy_prior, toy_state
@@ -557,7 +557,9 @@ def test_the_same_seed_gives_the_same_result_and_another_another(estimator):
 
 
 @pytest.mark.parametrize("estimator", [AdamEstimator(SMALL), GAUSS_NEWTON])
-@pytest.mark.parametrize("lacking", [{"starts": ()}, {"views": ()}, {"starts": (replace(toy_state(), code=np.zeros(1)),)}])
+@pytest.mark.parametrize(
+    "lacking", [{"starts": ()}, {"views": ()}, {"starts": (replace(toy_state(), code=np.zeros(1)),)}]
+)
 def test_a_task_that_cannot_be_used_fails_alone(estimator, lacking):
     good, bad = task(), replace(task(), name="lacking", **lacking)
     failed, found = estimator.estimate([bad, good])

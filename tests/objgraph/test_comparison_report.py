@@ -12,12 +12,12 @@ from objgraph import evaluate_command
 from objgraph.cli import main
 from objgraph.comparison import published
 from objgraph.comparison.grid import Cell, Grid, ranked_across
+from objgraph.comparison.methods import METHODS
 from objgraph.comparison.plots import binned, error_plot, uncertainty_plot
 from objgraph.comparison.scan_cases import ScanSource, read_split
 from objgraph.comparison.summary import paired, summarize
 from objgraph.comparison.tables import all_tables
 from objgraph.errors import DatasetError
-from objgraph.evaluation.methods import METHODS
 from tests.objgraph.comparison_fakes import FAST, FakeCase, FakeSource, install, row
 
 

@@ -13,13 +13,13 @@ from objgraph.comparison import measure as comparing_measure
 from objgraph.comparison import runner
 from objgraph.comparison.compare import CSV, ROWS, Comparison, compare, starts_apart
 from objgraph.comparison.measure import Job, measure
+from objgraph.comparison.methods import METHODS, Method
 from objgraph.comparison.rows import ObjectRow
 from objgraph.errors import EvaluationError
-from objgraph.evaluation.methods import METHODS, Method
 from tests.objgraph.comparison_fakes import FAST, THIN, FakeCase, FakeEstimator, FakeSource, install, row
 from tests.toys import toy_prior
 
-TIMES = ("seconds", "seconds_initialise")
+TIMES = ("seconds", "seconds_cpu", "seconds_initialise")
 
 
 @pytest.fixture(autouse=True)
