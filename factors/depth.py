@@ -12,7 +12,7 @@ from factors.errors import FactorError
 from factors.full_distribution import FullDistribution
 from factors.rays import RayCells, Rays, box_interval, choose_cells, coarse_depths
 from factors.reduce import Rows
-from factors.rendering import RayTargets, RenderedRows, Renderer
+from factors.rendering import RaySamples, RayTargets, RenderedRows, Renderer
 from factors.sdf import SdfQuery, metres_per_unit, query_points, sdf_jacobian
 from factors.sdf_decoder import SdfDecoder, SdfJet
 from factors.state import ObjectKeys, ObjectState
@@ -97,9 +97,10 @@ class DepthFactor(ObservationFactor):
         self.remember(query, value)
         metres = self._metres(query, value, state).view_as(cells.depth)
         sdf, sdf_sigma = metres * value.double().view_as(metres), self._prior_sigma * metres
-        spread = self._renderer.freeze(sdf, sdf_sigma.clamp_min(1e-6), cells, targets, annealing.slope)
+        samples = RaySamples(sdf, sdf_sigma.clamp_min(1e-6), cells, targets, annealing.slope)
+        spread = self._renderer.freeze(samples)
         self._frozen = _Frozen(
-            meets, cells, targets, p_camera, metres, sdf_sigma.clamp_min(1e-6), spread,
+            meets, cells, targets, p_camera, metres, samples.sdf_sigma, spread,
             self._weighting.take(meets).per_row(spread), annealing.slope,
         )  # fmt: skip
 
@@ -134,9 +135,8 @@ class DepthFactor(ObservationFactor):
     def _render(self, value: Tensor) -> RenderedRows:
         frozen = self._held
         sdf = frozen.metres * value.double().view_as(frozen.metres)
-        return self._renderer.render(
-            sdf, frozen.sdf_sigma, frozen.cells, frozen.targets, frozen.slope, frozen.spread
-        )
+        samples = RaySamples(sdf, frozen.sdf_sigma, frozen.cells, frozen.targets, frozen.slope)
+        return self._renderer.render(samples, frozen.spread)
 
     def _choose_cells(
         self,

@@ -10,7 +10,7 @@ from torch import Tensor
 
 from factors.occupancy import PROBIT_SCALE, probit_occupancy
 from factors.rays import RayCells
-from factors.rendering import ESCAPE, RayTargets, RenderedRows
+from factors.rendering import ESCAPE, RaySamples, RayTargets, RenderedRows
 
 
 @dataclass(frozen=True)
@@ -33,11 +33,8 @@ class FullDistribution:
     """Spreads about the surface's depth (for a free ray: of the outline next to it) that weigh fully; the rest of
     the ray on either side weighs as much as one more. None: every metre weighs the same."""
 
-    def freeze(
-        self, sdf: Tensor, sdf_sigma: Tensor, cells: RayCells, targets: RayTargets, slope: float
-    ) -> Float[Tensor, "r"]:
-        tau = _tau(sdf_sigma, targets, slope)
-        return tau.gather(1, sdf.abs().argmin(dim=1, keepdim=True))[:, 0]
+    def freeze(self, samples: RaySamples) -> Float[Tensor, "r"]:
+        return _tau(samples).gather(1, samples.sdf.abs().argmin(dim=1, keepdim=True))[:, 0]
 
     def transmittance(
         self, sdf: Float[Tensor, "r k"], tau: Float[Tensor, "r k"]
@@ -55,33 +52,18 @@ class FullDistribution:
         lower = torch.tril(torch.ones(k, k, dtype=sdf.dtype))
         return passed, passed[:, :, None] * hazard[:, None, :] * lower
 
-    def render(
-        self,
-        sdf: Float[Tensor, "r k"],
-        sdf_sigma: Float[Tensor, "r k"],
-        cells: RayCells,
-        targets: RayTargets,
-        slope: float,
-        spread: Float[Tensor, "r"],
-    ) -> RenderedRows:
-        passed, d_passed = self.transmittance(sdf, _tau(sdf_sigma, targets, slope))
-        root, escape_root, residual = self._residual(passed, cells, targets, spread)
+    def render(self, samples: RaySamples, spread: Float[Tensor, "r"]) -> RenderedRows:
+        passed, d_passed = self.transmittance(samples.sdf, _tau(samples))
+        root, escape_root, residual = self._residual(passed, samples.cells, samples.targets, spread)
         d_sdf = torch.cat([root[..., None] * d_passed, escape_root[:, None, None] * d_passed[:, -1:]], dim=1)
         return RenderedRows(0.5 * residual.square().sum(dim=1), residual, d_sdf)
 
-    def score(
-        self,
-        sdf: Float[Tensor, "r k"],
-        sdf_sigma: Float[Tensor, "r k"],
-        cells: RayCells,
-        targets: RayTargets,
-        slope: float,
-    ) -> Float[Tensor, "r"]:
+    def score(self, samples: RaySamples) -> Float[Tensor, "r"]:
         """See `Renderer`; the weights over depth are held."""
-        spread = self.freeze(sdf.detach(), sdf_sigma.detach(), cells, targets, slope)
-        clear = 1 - probit_occupancy(sdf, _tau(sdf_sigma, targets, slope))
+        spread = self.freeze(samples).detach()
+        clear = 1 - probit_occupancy(samples.sdf, _tau(samples))
         passed = clear.cummin(dim=1)[0] if self.correlation == "comonotone" else clear.cumprod(dim=1)
-        return 0.5 * self._residual(passed, cells, targets, spread)[2].square().sum(dim=1)
+        return 0.5 * self._residual(passed, samples.cells, samples.targets, spread)[2].square().sum(dim=1)
 
     def _residual(
         self,
@@ -120,5 +102,6 @@ class FullDistribution:
         return width[:, :-1], width[:, -1]
 
 
-def _tau(sdf_sigma: Float[Tensor, "r k"], targets: RayTargets, slope: float) -> Float[Tensor, "r k"]:
-    return (sdf_sigma**2 + targets.sigma[:, None] ** 2 + (PROBIT_SCALE / slope) ** 2).sqrt()
+def _tau(samples: RaySamples) -> Float[Tensor, "r k"]:
+    sensor = samples.targets.sigma[:, None]
+    return (samples.sdf_sigma**2 + sensor**2 + (PROBIT_SCALE / samples.slope) ** 2).sqrt()

@@ -17,8 +17,7 @@ from factors.occupancy import (
     sobol_moments,
     total_depth_variance,
 )
-from factors.rays import RayCells
-from factors.rendering import ESCAPE, RayTargets, RenderedRows
+from factors.rendering import RaySamples, RenderedRows
 from factors.score import energy_score, majorizing_weight
 
 _LEAST_SPREAD = 1e-6
@@ -42,57 +41,34 @@ class GaussianDepth(ABC):
     ) -> Float[Tensor, "r"]:
         """Variance of the rendered depth, square metres."""
 
-    def freeze(
-        self, sdf: Tensor, sdf_sigma: Tensor, cells: RayCells, targets: RayTargets, slope: float
-    ) -> Float[Tensor, "r"]:
+    def freeze(self, samples: RaySamples) -> Float[Tensor, "r"]:
         """See `Renderer`; the sensor's own variance is added."""
-        moments = self.occupancy(sdf, sdf_sigma, slope)
-        return (self.depth_variance(moments, cells.depth, ESCAPE * cells.far) + targets.sigma**2).sqrt()
+        moments = self.occupancy(samples.sdf, samples.sdf_sigma, samples.slope)
+        variance = self.depth_variance(moments, samples.cells.depth, samples.escape)
+        return (variance + samples.targets.sigma**2).sqrt()
 
-    def render(
-        self,
-        sdf: Float[Tensor, "r k"],
-        sdf_sigma: Float[Tensor, "r k"],
-        cells: RayCells,
-        targets: RayTargets,
-        slope: float,
-        spread: Float[Tensor, "r"],
-    ) -> RenderedRows:
+    def render(self, samples: RaySamples, spread: Float[Tensor, "r"]) -> RenderedRows:
         """See `Renderer`."""
-        error, counts, d_sdf = self.depth_error(sdf, sdf_sigma, cells, targets, slope)
+        error, counts, d_sdf = self.depth_error(samples)
         root = (counts * majorizing_weight(error, spread)).sqrt()
         return RenderedRows(
             counts * energy_score(error, spread), (root * error)[:, None], (root[:, None] * d_sdf)[:, None, :]
         )
 
     def depth_error(
-        self,
-        sdf: Float[Tensor, "r k"],
-        sdf_sigma: Float[Tensor, "r k"],
-        cells: RayCells,
-        targets: RayTargets,
-        slope: float,
+        self, samples: RaySamples
     ) -> tuple[Float[Tensor, "r"], Float[Tensor, "r"], Float[Tensor, "r k"]]:
         """Rendered minus observed depth, 1 where the ray counts, and the error's derivative w.r.t. the SDF."""
-        escape = ESCAPE * cells.far
-        moments = self.occupancy(sdf, sdf_sigma, slope)
-        error, counts = _error(depth_mean(moments.mean, cells.depth, escape), cells, targets)
-        d_sdf = depth_mean_gradient(moments.mean, cells.depth, escape) * moments.d_mean(slope)
+        depth, moments = samples.cells.depth, self.occupancy(samples.sdf, samples.sdf_sigma, samples.slope)
+        error, counts = _error(depth_mean(moments.mean, depth, samples.escape), samples)
+        d_sdf = depth_mean_gradient(moments.mean, depth, samples.escape) * moments.d_mean(samples.slope)
         return error, counts, d_sdf
 
-    def score(
-        self,
-        sdf: Float[Tensor, "r k"],
-        sdf_sigma: Float[Tensor, "r k"],
-        cells: RayCells,
-        targets: RayTargets,
-        slope: float,
-    ) -> Float[Tensor, "r"]:
+    def score(self, samples: RaySamples) -> Float[Tensor, "r"]:
         """See `Renderer`; as in the paper the sensor is taken to be exact."""
-        escape = ESCAPE * cells.far
-        moments = self.occupancy(sdf, sdf_sigma, slope)
-        error, counts = _error(depth_mean(moments.mean, cells.depth, escape), cells, targets)
-        variance = self.depth_variance(moments, cells.depth, escape)
+        depth, moments = samples.cells.depth, self.occupancy(samples.sdf, samples.sdf_sigma, samples.slope)
+        error, counts = _error(depth_mean(moments.mean, depth, samples.escape), samples)
+        variance = self.depth_variance(moments, depth, samples.escape)
         return counts * energy_score(error, variance.clamp_min(_LEAST_SPREAD**2).sqrt())
 
 
@@ -162,9 +138,8 @@ def _certain_occupancy(sdf: Tensor, slope: float) -> OccupancyMoments:
     return OccupancyMoments(occupancy, occupancy.square())
 
 
-def _error(
-    mean: Float[Tensor, "r"], cells: RayCells, targets: RayTargets
-) -> tuple[Float[Tensor, "r"], Float[Tensor, "r"]]:
+def _error(mean: Float[Tensor, "r"], samples: RaySamples) -> tuple[Float[Tensor, "r"], Float[Tensor, "r"]]:
     """Rendered minus observed depth, and 1 where there is an observed depth, else 0."""
-    counts = (targets.hit | (targets.end >= cells.far)).to(mean)
-    return mean - torch.where(targets.hit, targets.depth, ESCAPE * cells.far), counts
+    targets = samples.targets
+    counts = (targets.hit | (targets.end >= samples.cells.far)).to(mean)
+    return mean - torch.where(targets.hit, targets.depth, samples.escape), counts

@@ -36,36 +36,38 @@ class RenderedRows(NamedTuple):
     d_sdf: Float[Tensor, "r q k"]
 
 
+@dataclass(frozen=True)
+class RaySamples:
+    """What a renderer is given of r rays with k samples each."""
+
+    sdf: Float[Tensor, "r k"]
+    """Mean of the signed distance at every sample, metres."""
+    sdf_sigma: Float[Tensor, "r k"]
+    """Its standard deviation, metres."""
+    cells: RayCells
+    targets: RayTargets
+    slope: float
+    """Of the occupancy's sigmoid, 1/metres."""
+
+    @property
+    def escape(self) -> Float[Tensor, "r"]:
+        """The depth that an escaping ray is given."""
+        return ESCAPE * self.cells.far
+
+
 class Renderer(Protocol):
-    """Scores rays from the metric SDF at their cells, and its standard deviation there.
+    """Scores rays from the metric SDF at their samples.
 
     The graph asks for `freeze` and then for `render` with what it returned as `spread`; an estimator that follows
     gradients asks for `score`.
     """
 
-    def freeze(
-        self, sdf: Tensor, sdf_sigma: Tensor, cells: RayCells, targets: RayTargets, slope: float
-    ) -> Float[Tensor, "r"]:
+    def freeze(self, samples: RaySamples) -> Float[Tensor, "r"]:
         """Standard deviation of each ray's depth, metres, to be held while a quadratic is minimised."""
         ...
 
-    def render(
-        self,
-        sdf: Float[Tensor, "r k"],
-        sdf_sigma: Float[Tensor, "r k"],
-        cells: RayCells,
-        targets: RayTargets,
-        slope: float,
-        spread: Float[Tensor, "r"],
-    ) -> RenderedRows: ...
+    def render(self, samples: RaySamples, spread: Float[Tensor, "r"]) -> RenderedRows: ...
 
-    def score(
-        self,
-        sdf: Float[Tensor, "r k"],
-        sdf_sigma: Float[Tensor, "r k"],
-        cells: RayCells,
-        targets: RayTargets,
-        slope: float,
-    ) -> Float[Tensor, "r"]:
+    def score(self, samples: RaySamples) -> Float[Tensor, "r"]:
         """Score of each ray, metres; autograd knows its derivatives w.r.t. both the SDF and its deviation."""
         ...

@@ -14,7 +14,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from factors.gaussian_depth import Probabilistic
-from factors.rendering import Renderer
+from factors.rendering import RaySamples, Renderer
 from factors.score import energy_score, energy_score_monte_carlo
 from factors.sdf_decoder import SdfDecoder
 from factors.state import RIGID_DOF, ObjectState
@@ -181,7 +181,8 @@ class _Descent:
             mu, sigma = self._sdf(i, near)
             sdf = rays.sdf.masked_scatter(rays.near, mu)
             sdf_sigma = torch.zeros_like(sdf).masked_scatter(rays.near, sigma)
-            score = self.renderer.score(sdf, sdf_sigma, rays.cells, rays.targets, config.steps.slope)
+            samples = RaySamples(sdf, sdf_sigma, rays.cells, rays.targets, config.steps.slope)
+            score = self.renderer.score(samples)
             loss = loss + config.render_weight * score.sum() / rays.count
         return loss
 

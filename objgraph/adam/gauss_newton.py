@@ -8,9 +8,11 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
+import torch
 from jaxtyping import Float
 
 from factors.gaussian_depth import Deterministic
+from factors.rendering import RaySamples
 from factors.state import RIGID_DOF, ObjectState
 from objgraph.adam.pool import Pool
 from objgraph.adam.terms import DrawnRays, RaySteps, draw_rays, linearize, unusable
@@ -80,7 +82,9 @@ class GaussNewtonEstimator:
         (found,) = linearize(task.prior.decoder, [state], [np.concatenate([drawn.p_world, rays.p_near])])
         sdf = rays.sdf.masked_scatter(rays.near, found.sdf[n:])
         renderer = Deterministic()
-        error, counts, d_sdf = renderer.depth_error(sdf, sdf, rays.cells, rays.targets, config.steps.slope)
+        error, counts, d_sdf = renderer.depth_error(
+            RaySamples(sdf, torch.zeros_like(sdf), rays.cells, rays.targets, config.steps.slope)
+        )
         jacobian = sdf.new_zeros(*sdf.shape, found.jacobian.shape[1])
         jacobian[rays.near] = found.jacobian[n:]
         J_depth = (counts[:, None] * (d_sdf[:, None, :] @ jacobian)[:, 0]).cpu().double().numpy()

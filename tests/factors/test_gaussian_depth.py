@@ -12,7 +12,7 @@ from factors.full_distribution import FullDistribution
 from factors.gaussian_depth import Deterministic, GaussianDepth, Probabilistic, Sampled
 from factors.occupancy import OccupancyMoments, depth_mean
 from factors.rays import RayCells
-from factors.rendering import ESCAPE, RayTargets
+from factors.rendering import ESCAPE, RaySamples, RayTargets
 
 PROBABILISTIC = [
     Probabilistic(variance, moments)
@@ -98,7 +98,7 @@ def score_by_sums(renderer, sdf, sigma, cells, targets, slope) -> np.ndarray:
 @pytest.mark.parametrize("seed", [0, 1, 2])
 def test_the_score_is_that_of_the_sums(renderer, seed):
     sdf, sigma, cells, targets = scene(seed)
-    score = renderer.score(sdf, sigma, cells, targets, SLOPE)
+    score = renderer.score(RaySamples(sdf, sigma, cells, targets, SLOPE))
     expected = score_by_sums(renderer, sdf, sigma, cells, targets, SLOPE)
     np.testing.assert_allclose(score.numpy(), expected, rtol=1e-6, atol=1e-9)
     assert (expected[~targets.hit.numpy()] == 0).any()
@@ -119,7 +119,7 @@ def differences(function, values: torch.Tensor, step: float = 1e-6) -> np.ndarra
 def gradients(renderer, sdf, sigma, cells, targets) -> tuple[np.ndarray, np.ndarray]:
     """Autograd's derivatives of all scores' sum w.r.t. the SDF and its deviation."""
     sdf, sigma = sdf.clone().requires_grad_(), sigma.clone().requires_grad_()
-    score = renderer.score(sdf, sigma, cells, targets, SLOPE)
+    score = renderer.score(RaySamples(sdf, sigma, cells, targets, SLOPE))
     found = torch.autograd.grad(score.sum(), [sdf, sigma], allow_unused=True)
     return tuple(np.zeros(sdf.shape) if g is None else g.numpy() for g in found)
 
@@ -147,12 +147,14 @@ def test_derivatives_are_those_of_the_sums(renderer):
 def test_derivatives_of_the_full_distribution_for_held_weights(renderer):
     sdf, sigma, cells, targets = scene()
     d_sdf, d_sigma = gradients(renderer, sdf, sigma, cells, targets)
-    spread = renderer.freeze(sdf, sigma, cells, targets, SLOPE)
+    spread = renderer.freeze(RaySamples(sdf, sigma, cells, targets, SLOPE))
 
     def loss(s, t):
-        return renderer.render(s, t, cells, targets, SLOPE, spread).loss
+        return renderer.render(RaySamples(s, t, cells, targets, SLOPE), spread).loss
 
-    torch.testing.assert_close(renderer.score(sdf, sigma, cells, targets, SLOPE), loss(sdf, sigma))
+    torch.testing.assert_close(
+        renderer.score(RaySamples(sdf, sigma, cells, targets, SLOPE)), loss(sdf, sigma)
+    )
     for found, expected in (
         (d_sdf, differences(lambda s: loss(s, sigma), sdf)),
         (d_sigma, differences(lambda t: loss(sdf, t), sigma)),
@@ -182,8 +184,8 @@ def test_sampled_is_the_mean_and_spread_of_a_million_rays():
 
 def test_the_score_of_the_expected_depth_alone_is_its_absolute_error():
     sdf, sigma, cells, targets = scene()
-    error, counts, _ = Deterministic().depth_error(sdf, sigma, cells, targets, SLOPE)
-    score = Deterministic().score(sdf, sigma, cells, targets, SLOPE)
+    error, counts, _ = Deterministic().depth_error(RaySamples(sdf, sigma, cells, targets, SLOPE))
+    score = Deterministic().score(RaySamples(sdf, sigma, cells, targets, SLOPE))
     torch.testing.assert_close(score, counts * error.abs(), rtol=0, atol=1e-6)
     assert float(score.max()) > 0.01
 
@@ -197,11 +199,11 @@ def test_without_uncertainty_the_papers_is_the_sampled_one(renderer):
     variance = renderer.depth_variance(papers, cells.depth, escape)
     if renderer.variance == "epistemic":
         torch.testing.assert_close(variance, torch.zeros_like(variance), rtol=0, atol=1e-12)
-        sampled_score = Deterministic().score(sdf, certain, cells, targets, SLOPE)
+        sampled_score = Deterministic().score(RaySamples(sdf, certain, cells, targets, SLOPE))
     else:
         torch.testing.assert_close(variance, Sampled().depth_variance(sampled, cells.depth, escape))
-        sampled_score = Sampled().score(sdf, certain, cells, targets, SLOPE)
-    score = renderer.score(sdf, certain, cells, targets, SLOPE)
+        sampled_score = Sampled().score(RaySamples(sdf, certain, cells, targets, SLOPE))
+    score = renderer.score(RaySamples(sdf, certain, cells, targets, SLOPE))
     torch.testing.assert_close(score, sampled_score, rtol=0, atol=1e-6)
 
 
@@ -210,7 +212,7 @@ def test_sobol_points_do_what_the_quadrature_does(variance):
     sdf, sigma, cells, targets = scene()
     for slope, tolerance in ((60.0, 2e-3), (400.0, 1e-2)):
         exact, points = (
-            Probabilistic(variance, moments).score(sdf, sigma, cells, targets, slope)
+            Probabilistic(variance, moments).score(RaySamples(sdf, sigma, cells, targets, slope))
             for moments in ("quadrature", "sobol")
         )
         torch.testing.assert_close(points, exact, rtol=tolerance, atol=1e-4)
@@ -221,9 +223,11 @@ def test_a_certain_sample_is_one_of_tiny_uncertainty(renderer):
     sdf, sigma, cells, targets = scene()
     certain = torch.as_tensor(np.random.default_rng(0).random(sdf.shape) < 0.5)
     none, tiny = sigma.masked_fill(certain, 0.0), sigma.masked_fill(certain, 1e-9)
-    found = renderer.score(sdf, none, cells, targets, SLOPE)
-    torch.testing.assert_close(found, renderer.score(sdf, tiny, cells, targets, SLOPE), rtol=1e-6, atol=1e-9)
-    assert float((found - renderer.score(sdf, sigma, cells, targets, SLOPE)).abs().max()) > 1e-4
+    found = renderer.score(RaySamples(sdf, none, cells, targets, SLOPE))
+    torch.testing.assert_close(
+        found, renderer.score(RaySamples(sdf, tiny, cells, targets, SLOPE)), rtol=1e-6, atol=1e-9
+    )
+    assert float((found - renderer.score(RaySamples(sdf, sigma, cells, targets, SLOPE))).abs().max()) > 1e-4
     d_sdf, d_sigma = gradients(renderer, sdf, none, cells, targets)
     expected, expected_sigma = gradients(renderer, sdf, tiny, cells, targets)
     np.testing.assert_allclose(d_sdf, expected, rtol=1e-4, atol=1e-6)
@@ -237,14 +241,14 @@ def test_where_rays_escape_and_what_a_free_ray_says(renderer):
     empty, full = torch.full_like(sdf, 5.0), torch.full_like(sdf, -5.0)
     free = replace(targets, hit=torch.zeros(RAYS, dtype=torch.bool))
     # nothing in the way: the ray escapes at 1.1 times the box's far side, as a free ray should
-    assert float(renderer.score(empty, sigma, cells, free, SLOPE).max()) < 1e-6
-    missed = renderer.score(empty, sigma, cells, replace(targets, hit=~free.hit), SLOPE)
+    assert float(renderer.score(RaySamples(empty, sigma, cells, free, SLOPE)).max()) < 1e-6
+    missed = renderer.score(RaySamples(empty, sigma, cells, replace(targets, hit=~free.hit), SLOPE))
     torch.testing.assert_close(missed, 1.1 * cells.far - targets.depth, rtol=0, atol=1e-6)
     # all in the way: it ends at the first sample, which a hit and a free ray each compare with their own depth
-    stopped = renderer.score(full, sigma, cells, replace(targets, hit=~free.hit), SLOPE)
+    stopped = renderer.score(RaySamples(full, sigma, cells, replace(targets, hit=~free.hit), SLOPE))
     torch.testing.assert_close(stopped, targets.depth - cells.depth[:, 0], rtol=0, atol=1e-6)
     seen_through = free.end >= cells.far
-    stopped = renderer.score(full, sigma, cells, free, SLOPE)
+    stopped = renderer.score(RaySamples(full, sigma, cells, free, SLOPE))
     torch.testing.assert_close(
         stopped, seen_through * (1.1 * cells.far - cells.depth[:, 0]), rtol=0, atol=1e-6
     )
@@ -258,7 +262,8 @@ def test_where_rays_escape_and_what_a_free_ray_says(renderer):
     # how far a hit could have been seen is of no matter
     near = replace(targets, end=torch.where(targets.hit, targets.depth, targets.end))
     torch.testing.assert_close(
-        renderer.score(sdf, sigma, cells, near, SLOPE), renderer.score(sdf, sigma, cells, targets, SLOPE)
+        renderer.score(RaySamples(sdf, sigma, cells, near, SLOPE)),
+        renderer.score(RaySamples(sdf, sigma, cells, targets, SLOPE)),
     )
 
 
@@ -297,7 +302,7 @@ def test_scores_and_derivatives_are_finite_where_nothing_is_uncertain_or_near(re
         for spread in (0.0, 1e-6, 0.3):
             sdf = torch.full((RAYS, SAMPLES), value, requires_grad=True)
             sigma = torch.full((RAYS, SAMPLES), spread, requires_grad=True)
-            score = renderer.score(sdf, sigma, cells, targets, 400.0)
+            score = renderer.score(RaySamples(sdf, sigma, cells, targets, 400.0))
             found = torch.autograd.grad(score.sum(), [sdf, sigma], allow_unused=True)
             assert torch.isfinite(score).all()
             assert all(g is None or bool(torch.isfinite(g).all()) for g in found)

@@ -7,7 +7,7 @@ from scipy.stats import norm
 from factors.full_distribution import FullDistribution
 from factors.gaussian_depth import Deterministic, Probabilistic, Sampled
 from factors.rays import RayCells
-from factors.rendering import RayTargets
+from factors.rendering import RaySamples, RayTargets
 from factors.score import energy_score
 
 RENDERERS = [
@@ -35,12 +35,12 @@ def _scene(rays: int = 5, k: int = 8, seed: int = 0):
 @pytest.mark.parametrize("renderer", RENDERERS)
 def test_rows_have_the_gradient_of_the_loss(renderer):
     sdf, sdf_sigma, cells, targets = _scene()
-    spread = renderer.freeze(sdf, sdf_sigma, cells, targets, 60.0)
+    spread = renderer.freeze(RaySamples(sdf, sdf_sigma, cells, targets, 60.0))
 
     def loss(values):
-        return renderer.render(values, sdf_sigma, cells, targets, 60.0, spread).loss.sum()
+        return renderer.render(RaySamples(values, sdf_sigma, cells, targets, 60.0), spread).loss.sum()
 
-    rendered = renderer.render(sdf, sdf_sigma, cells, targets, 60.0, spread)
+    rendered = renderer.render(RaySamples(sdf, sdf_sigma, cells, targets, 60.0), spread)
     gradient = torch.einsum("rqk,rq->rk", rendered.d_sdf, rendered.residual)
     step = 1e-6
     for i in np.ndindex(*sdf.shape):
@@ -65,8 +65,8 @@ def test_full_distribution_is_the_numerical_weighted_crps(correlation, reach):
     edges = torch.linspace(1, 2, k + 1).double().expand(5, -1)
     cells = RayCells(0.5 * (edges[:, 1:] + edges[:, :-1]), edges.diff(dim=1), edges[:, -1])
     sigma = torch.full_like(fine, 0.05)
-    spread = renderer.freeze(fine, sigma, cells, targets, 200.0)
-    loss = renderer.render(fine, sigma, cells, targets, 200.0, spread).loss
+    spread = renderer.freeze(RaySamples(fine, sigma, cells, targets, 200.0))
+    loss = renderer.render(RaySamples(fine, sigma, cells, targets, 200.0), spread).loss
     tau = np.sqrt(0.05**2 + 0.01**2 + (1.702 / 200) ** 2)
     clear = norm.cdf(fine.numpy() / tau)
     passed = np.minimum.accumulate(clear, 1) if correlation == "comonotone" else np.cumprod(clear, 1)
@@ -94,9 +94,9 @@ def test_the_distribution_of_a_plane_is_gaussian_and_so_is_its_score(reach):
     depth, end, noise = torch.tensor([[1.5], [torch.inf], [0.01]]).double()
     targets = RayTargets(depth, torch.tensor([True]), end, noise)
     renderer = FullDistribution(reach=reach)
-    spread = renderer.freeze(sdf, sigma, cells, targets, 400.0)
+    spread = renderer.freeze(RaySamples(sdf, sigma, cells, targets, 400.0))
     assert float(spread) == pytest.approx(tau)
-    loss = renderer.render(sdf, sigma, cells, targets, 400.0, spread).loss
+    loss = renderer.render(RaySamples(sdf, sigma, cells, targets, 400.0), spread).loss
     expected = energy_score(torch.tensor(-0.05).double(), torch.tensor(tau).double())
     assert float(loss) == pytest.approx(float(expected), rel=1e-3)
 
@@ -117,8 +117,8 @@ def test_a_free_ray_that_passes_the_object_costs_nothing(renderer):
     sdf, sdf_sigma, cells, targets = _scene()
     targets = RayTargets(targets.depth, torch.zeros(5, dtype=torch.bool), targets.end, targets.sigma)
     far = torch.full_like(sdf, 1.0)
-    spread = renderer.freeze(far, sdf_sigma, cells, targets, 400.0)
-    loss = renderer.render(far, sdf_sigma, cells, targets, 400.0, spread).loss
+    spread = renderer.freeze(RaySamples(far, sdf_sigma, cells, targets, 400.0))
+    loss = renderer.render(RaySamples(far, sdf_sigma, cells, targets, 400.0), spread).loss
     assert float(loss.max()) < 0.24 * float(spread.max())
 
 
@@ -135,8 +135,8 @@ def test_both_sides_of_an_outline_weigh_the_same():
         """A thick half-space whose front is at 1.4 and whose outline lies at `shift`."""
         front, side = 1.4 - cells.depth, (across - shift)[:, None].expand_as(cells.depth)
         sdf = torch.maximum(front, side)
-        spread = renderer.freeze(sdf, sigma, cells, targets, 400.0)
-        return float(renderer.render(sdf, sigma, cells, targets, 400.0, spread).loss.sum())
+        spread = renderer.freeze(RaySamples(sdf, sigma, cells, targets, 400.0))
+        return float(renderer.render(RaySamples(sdf, sigma, cells, targets, 400.0), spread).loss.sum())
 
     assert loss(0.0) < min(loss(0.01), loss(-0.01))
     assert loss(0.01) == pytest.approx(loss(-0.01), rel=0.1)
