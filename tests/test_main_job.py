@@ -29,7 +29,7 @@ def run_map(out: Path, *arguments: str) -> list[dict]:
             assert np.linalg.eigvalsh(np.array(entry["covariance"])).min() > 0
             length = 3 if entry["prior"].get("fallback") else 64
             assert len(entry["code"]) == len(entry["code_sigma"]) == length
-            assert 0 < entry["cost_final"] <= entry["cost_initial"]
+            assert 0 < entry["cost_final"] < entry["cost_initial"]
     return document["objects"]
 
 
