@@ -46,6 +46,16 @@ class Estimate:
     """Evaluations of the loss alone."""
 
 
+def unusable(task: EstimationTask) -> SolveError | None:
+    """What is wrong with a task, if anything is."""
+    if not task.starts or not task.views:
+        return SolveError(f"{task.name}: an estimate needs a start and a view")
+    length, given = task.prior.decoder.code_length, len(task.starts[0].code)
+    if given != length:
+        return SolveError(f"{task.name}: the start's code has length {given}, the decoder takes {length}")
+    return None
+
+
 class Estimator(Protocol):
     """Estimates many objects together; one object's failure is its own result and stops no other."""
 

@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 from objgraph.errors import ObjectGraphError, SolveError
-from objgraph.estimation import Estimate, EstimationTask
+from objgraph.estimation import Estimate, EstimationTask, unusable
 from objgraph.graph import GraphConfig, ObjectGraph
 from objgraph.initialise import single_object_graph
 from objgraph.solve import Problem, SolverConfig, solve
@@ -21,6 +21,14 @@ class GraphEstimator:
         self, tasks: Sequence[EstimationTask], progress: Callable[[int, int], None] | None = None
     ) -> list[Estimate | SolveError]:
         """See `Estimator`; all objects decode together."""
+        refused = [unusable(task) for task in tasks]
+        usable = [task for task, reason in zip(tasks, refused, strict=True) if reason is None]
+        found = iter(self._solved(usable, progress))
+        return [next(found) if reason is None else reason for reason in refused]
+
+    def _solved(
+        self, tasks: Sequence[EstimationTask], progress: Callable[[int, int], None] | None
+    ) -> list[Estimate | SolveError]:
         attempts = [[_Attempt.of(task, i, self.graph) for i in range(len(task.starts))] for task in tasks]
         first = replace(self.solver, slopes=self.solver.slopes[:1], rounds=1)
         solve([attempt.problem for several in attempts for attempt in several], first)

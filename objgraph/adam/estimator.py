@@ -19,10 +19,10 @@ from factors.score import energy_score, energy_score_monte_carlo
 from factors.sdf_decoder import SdfDecoder
 from factors.state import RIGID_DOF, ObjectState
 from objgraph.adam.pool import Pool
-from objgraph.adam.terms import DrawnRays, Linearized, RaySteps, draw_rays, linearize, unusable
+from objgraph.adam.terms import DrawnRays, Linearized, RaySteps, draw_rays, linearize
 from objgraph.covariance import ObjectCovariance
 from objgraph.errors import SolveError
-from objgraph.estimation import Estimate, EstimationTask
+from objgraph.estimation import Estimate, EstimationTask, unusable
 
 _LEAST_SIGMA = 1e-6
 """Metres; the energy score of a surer distance is its absolute value."""

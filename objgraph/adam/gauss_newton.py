@@ -15,9 +15,9 @@ from factors.gaussian_depth import Deterministic
 from factors.rendering import RaySamples
 from factors.state import RIGID_DOF, ObjectState
 from objgraph.adam.pool import Pool
-from objgraph.adam.terms import DrawnRays, RaySteps, draw_rays, linearize, unusable
+from objgraph.adam.terms import DrawnRays, RaySteps, draw_rays, linearize
 from objgraph.errors import SolveError
-from objgraph.estimation import Estimate, EstimationTask
+from objgraph.estimation import Estimate, EstimationTask, unusable
 
 
 @dataclass(frozen=True)

@@ -16,18 +16,6 @@ from factors.sdf import SdfQuery, metres_per_unit, query_points, sdf_jacobian
 from factors.sdf_decoder import SdfDecoder, SdfJet
 from factors.state import ObjectState
 from objgraph.adam.pool import Pool
-from objgraph.errors import SolveError
-from objgraph.estimation import EstimationTask
-
-
-def unusable(task: EstimationTask) -> SolveError | None:
-    """What is wrong with a task, if anything is."""
-    if not task.starts or not task.views:
-        return SolveError(f"{task.name}: an estimate needs a start and a view")
-    length, given = task.prior.decoder.code_length, len(task.starts[0].code)
-    if given != length:
-        return SolveError(f"{task.name}: the start's code has length {given}, the decoder takes {length}")
-    return None
 
 
 @dataclass(frozen=True)

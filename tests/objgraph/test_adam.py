@@ -556,7 +556,7 @@ def test_the_same_seed_gives_the_same_result_and_another_another(estimator):
     assert np.abs(other.state.matrix - one.state.matrix).max() > 1e-6
 
 
-@pytest.mark.parametrize("estimator", [AdamEstimator(SMALL), GAUSS_NEWTON])
+@pytest.mark.parametrize("estimator", [AdamEstimator(SMALL), GAUSS_NEWTON, quick("graph")])
 @pytest.mark.parametrize(
     "lacking", [{"starts": ()}, {"views": ()}, {"starts": (replace(toy_state(), code=np.zeros(1)),)}]
 )
