@@ -31,7 +31,7 @@ class MapCommand:
     """Map the objects of one scan."""
 
     dataset: str
-    """Data set: sample, scannet or sevenscenes."""
+    """Data set: folder, sample, scannet, sevenscenes or tum."""
     out: Path
     """Folder for the map, its meshes and its picture."""
     root: Path | None = None
@@ -40,6 +40,8 @@ class MapCommand:
     """Name of the scan; may be left out where there is only one."""
     categories: tuple[str, ...] = ()
     """Map objects of these categories alone; by default all."""
+    trajectory: Path | None = None
+    """Trajectory file in the TUM format in place of the data set's own; for folder and tum."""
     scan2cad: Path | None = None
     """Folder of the Scan2CAD annotations; by default beside `root`. Read by the evaluation alone."""
     shapenet: Path | None = None
@@ -76,7 +78,7 @@ def _load(command: MapCommand) -> Scan:
         if command.dataset != "sample":
             raise DatasetError(f"data set '{command.dataset}': --root must name its folder")
         root = SAMPLE_ROOT
-    options = {"scan2cad": command.scan2cad, "shapenet": command.shapenet}
+    options = {name: getattr(command, name) for name in ("trajectory", "scan2cad", "shapenet")}
     return load_scan(
         command.dataset, root, command.scene, **{k: v for k, v in options.items() if v is not None}
     )

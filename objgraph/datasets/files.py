@@ -66,7 +66,7 @@ def read_json(path: Path) -> Any:
     try:
         return json.loads(read_bytes(path))
     except ValueError as error:
-        raise DatasetError(f"{path}: no valid JSON ({error}); download it again") from error
+        raise DatasetError(f"{path}: no valid JSON ({error}); mend it or download it again") from error
 
 
 def read_matrix(path: Path, rows: int, columns: int) -> np.ndarray:
@@ -206,6 +206,23 @@ def pick_scene(names: Sequence[str], scene: str | None, folder: Path) -> str:
     listed = ", ".join(names[:20]) + (f" and {len(names) - 20} more" if len(names) > 20 else "")
     problem = "several scenes: name one" if scene is None else f"no scene '{scene}'"
     raise DatasetError(f"{folder}: {problem}; available: {listed}" if names else f"{folder}: no scenes here")
+
+
+def scan_folders(root: Path, marker: str) -> dict[str, Path]:
+    """Folders of scans by name: `root` itself where it holds the file or folder `marker`, else those under it."""
+    if not root.is_dir():
+        raise DatasetError(f"{root}: no such folder")
+    if (root / marker).exists():
+        return {root.resolve().name: root}
+    return {path.parent.name: path.parent for path in sorted(root.glob(f"*/{marker}"))}
+
+
+def pick_folder(root: Path, marker: str, scene: str | None) -> Path:
+    """The folder of `scene`, or the only one; `DatasetError` names those there are, or the `marker` of one."""
+    folders = scan_folders(root, marker)
+    if not folders:
+        raise DatasetError(f"{root}: no scenes here; a scan's folder holds {marker}, and this one holds none")
+    return folders[pick_scene(list(folders), scene, root)]
 
 
 def _decode(data: bytes, origin: object, flags: int) -> np.ndarray:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
 
-from objgraph.datasets import sample, scannet, sevenscenes
+from objgraph.datasets import folder, sample, scannet, sevenscenes, tum
 from objgraph.errors import DatasetError
 from objgraph.observation import Scan
 
@@ -31,9 +31,11 @@ class Loader:
 
 
 _LOADERS: dict[str, Loader] = {
+    "folder": Loader(folder.load, folder.scenes),
     "sample": Loader(sample.load, sample.scenes),
     "scannet": Loader(scannet.load, scannet.scenes),
     "sevenscenes": Loader(sevenscenes.load, sevenscenes.scenes),
+    "tum": Loader(tum.load, tum.scenes),
 }
 
 

@@ -14,7 +14,10 @@ from objgraph.prior.store import save_prior
     ("arguments", "message"),
     [
         (["--dataset", "nope"], "data set 'nope': --root must name its folder"),
-        (["--dataset", "nope", "--root", "."], "no data set 'nope'; available: sample, scannet, sevenscenes"),
+        (
+            ["--dataset", "nope", "--root", "."],
+            "no data set 'nope'; available: folder, sample, scannet, sevenscenes",
+        ),
         (["--dataset", "scannet"], "data set 'scannet': --root must name its folder"),
         (["--dataset", "scannet", "--root", "{}/absent"], "{}/absent"),
         (["--dataset", "sevenscenes", "--root", "{}/absent"], "{}/absent"),

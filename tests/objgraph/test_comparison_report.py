@@ -143,7 +143,10 @@ def test_bins_hold_equally_many_points():
         (["--methods", "graph,fly"], "no method 'fly'"),
         (["--methods", ","], "--methods names none"),
         (["--methods", "graph", "graph"], "--methods names graph twice"),
-        (["--dataset", "nope"], "no data set 'nope'; available: synthetic, sample, scannet, sevenscenes"),
+        (
+            ["--dataset", "nope"],
+            "no data set 'nope'; available: synthetic, folder, sample, scannet, sevenscenes",
+        ),
         (["--dataset", "scannet"], "data set 'scannet': --root must name its folder"),
         (["--dataset", "scannet", "--root", "{}"], "holds no folder scans/"),
         (["--dataset", "scannet", "--root", "{}", "--split", "{}/absent"], "{}/absent: no list of scans"),

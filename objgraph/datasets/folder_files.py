@@ -1,0 +1,194 @@
+"""The files that users write beside their images: the camera, the objects and the masks of a scan."""
+
+import logging
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from objgraph.datasets.files import (
+    LazyFrames,
+    decode_color,
+    decode_depth,
+    decode_instances,
+    intrinsics_from,
+    read_bytes,
+    read_json,
+    read_matrix,
+)
+from objgraph.errors import DatasetError
+from objgraph.observation import Frame, Instance, Scan
+
+log = logging.getLogger(__name__)
+
+_CAMERA = '{"fx": 615.0, "fy": 615.0, "cx": 319.5, "cy": 239.5, "width": 640, "height": 480}'
+_INSTANCES = '{"up_world": [0, 0, 1], "instances": {"1": "chair", "2": "table"}}'
+
+
+@dataclass(frozen=True)
+class Camera:
+    """The depth camera as its file describes it."""
+
+    origin: str
+    """Where it comes from, for error messages."""
+    matrix: Float[np.ndarray, "3 3"]
+    size: tuple[int, int] | None = None
+    """Width and height that the matrix is for; None where the file does not say."""
+    depth_scale: float | None = None
+    """Depth units a metre; None where the file does not say."""
+
+
+@dataclass(frozen=True)
+class FrameFiles:
+    """Where a frame's images lie, and its pose."""
+
+    depth: Path
+    masks: Path
+    color: Path | None
+    T_world_camera: Float[np.ndarray, "4 4"]
+
+
+def camera_file(folder: Path) -> Path:
+    """`intrinsics.json` or `intrinsics.txt` of a scan."""
+    paths = [path for path in (folder / "intrinsics.json", folder / "intrinsics.txt") if path.is_file()]
+    if len(paths) != 1:
+        found = "both intrinsics.json and intrinsics.txt: keep one" if paths else "no intrinsics.json"
+        raise DatasetError(f"{folder}: {found}; it must read like {_CAMERA}")
+    return paths[0]
+
+
+def read_camera(path: Path) -> Camera:
+    """The camera of a JSON file (`fx fy cx cy`, perhaps `width height depth_scale`) or of a text.
+
+    The text is `fx fy cx cy` or a 3x3 matrix. Raises `DatasetError` for anything else.
+    """
+    if path.suffix != ".json":
+        count = len(read_bytes(path).split())
+        numbers = (
+            read_matrix(path, 1, 4)[0] if count == 4 else read_matrix(path, 3, 3)[[0, 1, 0, 1], [0, 1, 2, 2]]
+        )
+        return Camera(str(path), _matrix(*numbers))
+    content = read_json(path)
+    try:
+        matrix = _matrix(*(float(content[key]) for key in ("fx", "fy", "cx", "cy")))
+        size = (int(content["width"]), int(content["height"])) if "width" in content else None
+        if size is not None and min(size) < 1:
+            raise ValueError(f"{size[0]}x{size[1]} pixels")
+        depth_scale = float(content["depth_scale"]) if "depth_scale" in content else None
+    except (KeyError, TypeError, ValueError) as error:
+        raise DatasetError(f"{path}: no camera ({_reason(error)}); it must read like {_CAMERA}") from error
+    return Camera(str(path), matrix, size, None if depth_scale is None else units_a_metre(depth_scale, path))
+
+
+def units_a_metre(depth_scale: float, origin: object) -> float:
+    """The depth scale; `DatasetError` for what can be none, metres a unit among it."""
+    if not (np.isfinite(depth_scale) and depth_scale >= 1):
+        inverse = f": write {1 / depth_scale:g}" if 0 < depth_scale < 1 else ""
+        raise DatasetError(
+            f"{origin}: depth_scale {depth_scale:g} must be the depth units in a metre{inverse}"
+        )
+    return float(depth_scale)
+
+
+def read_instances(path: Path) -> tuple[Float[np.ndarray, "3"], tuple[Instance, ...]]:
+    """The unit vector against gravity and the objects of `instances.json`, by rising id.
+
+    Ids of the masks that the file does not name are not mapped. Raises `DatasetError`, with an example of the file,
+    for what is missing or wrong.
+    """
+    content = read_json(path) if path.is_file() else None
+    try:
+        if content is None:
+            raise ValueError("there is no such file")
+        up = np.array(content["up_world"], dtype=float)
+        if up.shape != (3,) or not np.isfinite(up).all() or not up.any():
+            raise ValueError(
+                "up_world must be three numbers: the direction against gravity in the poses' world"
+            )
+        instances = [_instance(key, label) for key, label in content["instances"].items()]
+    except (AttributeError, KeyError, TypeError, ValueError) as error:
+        raise DatasetError(f"{path}: {_reason(error)}; it must read like {_INSTANCES}") from error
+    if not instances:
+        raise DatasetError(f"{path}: names no instance; it must read like {_INSTANCES}")
+    return up / np.linalg.norm(up), tuple(sorted(instances, key=lambda instance: instance.id))
+
+
+def mask_paths(folder: Path, candidates: Mapping[str, Sequence[str]]) -> dict[str, Path]:
+    """Each frame's file in `masks/`: the first that exists of those that it may be named after.
+
+    Frames without one are left out with a warning: segmenting some of the frames is enough. Raises `DatasetError`
+    where there is no mask at all.
+    """
+    masks = folder / "masks"
+    found = {}
+    for name, stems in candidates.items():
+        path = next((p for p in (masks / f"{stem}.png" for stem in stems) if p.is_file()), None)
+        if path is not None:
+            found[name] = path
+    if not found:
+        raise DatasetError(
+            f"{folder}: none of the {len(candidates)} depth images has a mask; write masks/NAME.png with the depth "
+            f"image's NAME (masks/{next(iter(candidates))}.png): one channel, 8 or 16 bit, a pixel's value is its object's id and 0 is none"
+        )
+    if len(found) < len(candidates):
+        lost = len(candidates) - len(found)
+        log.warning("%s: %d of %d frames have no mask and are left out", folder, lost, len(candidates))
+    return found
+
+
+def build_scan(
+    folder: Path,
+    files: Mapping[str, FrameFiles],
+    camera: Camera,
+    depth_scale: float | None,
+    usual_scale: float,
+) -> Scan:
+    """The scan of these frames and of the folder's `instances.json`.
+
+    Depth is in `depth_scale` units a metre where it is given, else in the camera's file's, else in `usual_scale`.
+    """
+    if depth_scale is None:
+        depth_scale = camera.depth_scale or usual_scale
+    up_world, instances = read_instances(folder / "instances.json")
+    frames = _lazy_frames(files, camera, units_a_metre(depth_scale, folder))
+    return Scan(folder.resolve().name, frames, instances, up_world)
+
+
+def _lazy_frames(files: Mapping[str, FrameFiles], camera: Camera, depth_scale: float) -> LazyFrames:
+    """Frames read on demand from their files."""
+
+    def read(name: str) -> Frame:
+        paths = files[name]
+        depth = decode_depth(read_bytes(paths.depth), paths.depth, depth_scale)
+        height, width = depth.shape
+        color = paths.color
+        return Frame(
+            name=name,
+            depth=depth,
+            intrinsics=intrinsics_from(camera.matrix, camera.origin, width, height, camera.size),
+            T_world_camera=paths.T_world_camera,
+            instances=decode_instances(read_bytes(paths.masks), paths.masks, depth.shape),
+            color=None if color is None else decode_color(read_bytes(color), color, depth.shape),
+        )
+
+    return LazyFrames(list(files), read)
+
+
+def _matrix(fx: float, fy: float, cx: float, cy: float) -> Float[np.ndarray, "3 3"]:
+    return np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]])
+
+
+def _instance(key: str, category: Any) -> Instance:
+    identity = int(key)
+    if not 0 < identity < 2**16:
+        raise ValueError(f"instance id {key} is no value of a mask (1 to 65535)")
+    if not isinstance(category, str) or not category.strip():
+        raise ValueError(f"instance {key} has no category")
+    return Instance(identity, category.strip())
+
+
+def _reason(error: Exception) -> str:
+    return f"{error.args[0]!r} is missing" if isinstance(error, KeyError) else str(error)
