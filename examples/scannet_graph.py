@@ -26,12 +26,12 @@ from factors.weighting import Weighting
 from objgraph.covariance import marginals, surface_sigma
 from objgraph.datasets.registry import load_scan
 from objgraph.evaluation.maps import evaluated
-from objgraph.graph import GraphConfig
 from objgraph.ground import rays_from_below
 from objgraph.initialise import InitialisationConfig, guesses, rank
 from objgraph.map import MappedObject, ObjectMap
 from objgraph.mapping import scene_floor, scene_points
 from objgraph.mesh import extract_mesh
+from objgraph.object_factors import GraphConfig
 from objgraph.picture import map_picture
 from objgraph.prior.registry import prior_for
 from objgraph.report import evaluation_table, map_table

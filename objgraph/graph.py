@@ -1,53 +1,24 @@
 """Objects inside a GTSAM graph that the caller owns."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Literal
 
 import gtsam
 import numpy as np
 from jaxtyping import Float
 
 from factors.base import Annealing, ObservationFactor
-from factors.depth import DepthFactor, RaySampling
-from factors.full_distribution import FullDistribution
-from factors.gaussian_depth import Deterministic, Probabilistic, Sampled
-from factors.priors import code_prior, scale_prior, upright_prior
+from factors.errors import FactorError
 from factors.rays import Rays
-from factors.rendering import Renderer
 from factors.state import ObjectKeys, ObjectState
-from factors.surface import SurfaceFactor
-from factors.weighting import Weighting
-from objgraph.covariance import ObjectCovariance, marginals
-from objgraph.errors import SolveError
+from objgraph.covariance import ObjectCovariance, joint_covariance
+from objgraph.errors import ObservationError, SolveError
+from objgraph.initialise import InitialisationConfig, guesses, rank
+from objgraph.object_factors import GraphConfig, floor_factor, ray_factor, state_priors, view_factors
 from objgraph.prior.prior import ShapePrior
+from objgraph.prior.registry import prior_for
 from objgraph.sampling import ObjectView
 from objgraph.solve import Problem, SolverConfig, solve
-
-RENDERERS: dict[str, Renderer] = {
-    "full": FullDistribution(),
-    "probabilistic": Probabilistic(),
-    "sampled": Sampled(),
-    "deterministic": Deterministic(),
-}
-
-
-@dataclass(frozen=True)
-class GraphConfig:
-    """How measurements and priors are weighed."""
-
-    renderer: Literal["full", "probabilistic", "sampled", "deterministic"] = "full"
-    """The 2D factor's renderer: the full termination distribution, or a Gaussian depth, the paper's, NodeSLAM's or
-    DSP-SLAM's."""
-    sampling: RaySampling = field(default_factory=RaySampling)
-    evidence: float = 1.0
-    """Independent measurements a patch of seen surface counts for, in each of the two factors of a view."""
-    anisotropy_sigma: float = 0.1
-    """Standard deviation of each axis' log-scale about their mean: the code, not the scale, stretches shapes."""
-    code_spread: float = 3.0
-    """Factor on the code prior's standard deviations: a Gaussian through several kinds of shapes is dense between
-    them, at shapes of no kind (a table without legs), and would hold codes there."""
-    upright_sigma: float = 0.03
-    """Radians by which an object that stands on the floor may lean, about each level axis."""
 
 
 @dataclass
@@ -58,47 +29,73 @@ class ObjectHandle:
     keys: ObjectKeys
     prior: ShapePrior
     factors: list[ObservationFactor] = field(default_factory=list)
+    """Those that use the decoder."""
     views: list[str] = field(default_factory=list)
+    """Names of the frames that it was observed in."""
+    slots: dict[int, gtsam.NonlinearFactor] = field(default_factory=dict)
+    """All its factors by their index in the caller's graph."""
 
 
 class ObjectGraph:
-    """Adds objects, their priors and their views to the caller's graph and values; owns neither."""
+    """Adds objects, their priors and their views to the caller's graph and values; owns neither.
+
+    What it adds it can take out again, and it touches nothing else: the caller may go on adding factors and
+    variables, and use an optimiser of his own.
+    """
 
     def __init__(
         self,
         graph: gtsam.NonlinearFactorGraph,
         values: gtsam.Values,
         config: GraphConfig | None = None,
+        *,
+        up_world: Float[np.ndarray, "3"] | None = None,
+        floor: float | None = None,
+        initialisation: InitialisationConfig | None = None,
     ) -> None:
+        """`up_world` is the unit vector against gravity, `floor` the floor's height along it, where they are known."""
         self.graph = graph
         self.values = values
         self.config = config or GraphConfig()
+        self.up_world = None if up_world is None else np.asarray(up_world, float)
+        self.floor = floor
+        self.initialisation = initialisation or InitialisationConfig()
         self.objects: list[ObjectHandle] = []
 
     def add_object(
         self,
-        prior: ShapePrior,
-        state: ObjectState,
+        prior: ShapePrior | str,
+        start: ObjectState | ObjectView | Sequence[ObjectView],
         *,
         up_world: Float[np.ndarray, "3"] | None = None,
         keys: ObjectKeys | None = None,
         name: str | None = None,
     ) -> ObjectHandle:
-        """Add an object's variables at `state` and the priors on its code, its scale and, with `up_world`, its lean.
+        """Add an object's variables and the priors on its code, its scale and, where up is known, its lean.
+
+        `prior` is a shape prior or the name of a category. `start` is the first estimate, or views of the object
+        from which to find one: each as seen from its own `T_world_camera` (`ObjectView.at` sets another). The views
+        add no factor of theirs: `observe` does. `up_world` stands in for the graph's own.
 
         Raises:
             FactorError: one of the keys is already in the values.
+            ObservationError: views are given, but not which way is up.
+            InitialisationError: the views do not suffice to place the object.
         """
-        keys = keys or ObjectKeys.numbered(self._free_index())
-        state.insert(self.values, keys)
-        spread = self.config.code_spread**2
-        self.graph.push_back(code_prior(keys, prior.code_mean, spread * prior.code_covariance))
-        anisotropy = prior.anisotropy_sigma or self.config.anisotropy_sigma
-        self.graph.push_back(scale_prior(keys, np.log(prior.size_mean), prior.size_log_sigma, anisotropy))
-        if up_world is not None:
-            self.graph.push_back(upright_prior(keys, up_world, self.config.upright_sigma))
-        handle = ObjectHandle(name or f"{prior.category} {len(self.objects)}", keys, prior)
+        prior = prior_for(prior) if isinstance(prior, str) else prior
+        up_world = self.up_world if up_world is None else np.asarray(up_world, float)
+        name = name or f"{prior.category} {len(self.objects)}"
+        views = [] if isinstance(start, ObjectState) else _several(start)
+        state = (
+            start if isinstance(start, ObjectState) else self._first_estimate(name, prior, views, up_world)
+        )
+        handle = ObjectHandle(name, keys or ObjectKeys.numbered(self._free_index()), prior)
+        state.insert(self.values, handle.keys)
+        for factor in state_priors(prior, handle.keys, self.config, up_world):
+            self._push(handle, factor)
         self.objects.append(handle)
+        if views and self.floor is not None:
+            self.stand_on_floor(handle, views)
         return handle
 
     def observe(
@@ -109,18 +106,47 @@ class ObjectGraph:
         `camera` is T_world_camera, or the key of a `Pose3` that holds it; by default the view's own pose.
         """
         camera = view.T_world_camera if camera is None else camera
-        prior = handle.prior
-        surface = SurfaceFactor(
-            handle.keys, prior.decoder, camera, view.points_camera, view.points_sigma,
-            prior_sigma=prior.residual_sigma, weighting=self._weighting(view.points_share),
-        )  # fmt: skip
-        self._add(handle, surface)
-        self._add(handle, self._depth_factor(handle, camera, view.rays, view.rays_share))
+        for factor in view_factors(handle.prior, handle.keys, view, camera, self.config):
+            self._add(handle, factor)
         handle.views.append(view.frame)
 
     def add_free_rays(self, handle: ObjectHandle, camera: gtsam.Pose3 | int, rays: Rays) -> None:
         """Add a 2D factor alone, of rays each of which is one independent measurement."""
-        self._add(handle, self._depth_factor(handle, camera, rays, np.ones(len(rays.depth))))
+        share = np.ones(len(rays.depth))
+        self._add(handle, ray_factor(handle.prior, handle.keys, camera, rays, share, self.config))
+
+    def stand_on_floor(self, handle: ObjectHandle, views: Sequence[ObjectView]) -> None:
+        """Add what the floor says: nothing of the object, which is about the views' points, lies below it.
+
+        Raises:
+            ObservationError: the graph was not told where the floor is, or which way is up.
+        """
+        if self.floor is None or self.up_world is None:
+            raise ObservationError(
+                f"{handle.name}: say where the floor is (ObjectGraph(up_world=..., floor=...))"
+            )
+        floor = floor_factor(handle.prior, handle.keys, views, self.up_world, self.floor, self.config)
+        self._add(handle, floor)
+
+    def remove_object(self, handle: ObjectHandle) -> None:
+        """Take the object's variables and factors out again; the caller's stay as they are.
+
+        A removed factor leaves an empty slot, as `NonlinearFactorGraph.remove` does, unless it is the graph's last.
+
+        Raises:
+            FactorError: a factor of the caller's own is on one of the object's keys, or the object's factors are
+                not in the graph any more; nothing has been changed.
+        """
+        self._check_removable(handle)
+        for slot in handle.slots:
+            self.graph.remove(slot)
+        size = self.graph.size()
+        while size and not self.graph.exists(size - 1):
+            size -= 1
+        self.graph.resize(size)
+        for key in handle.keys:
+            self.values.erase(key)
+        self.objects.remove(handle)
 
     def refresh(self, annealing: Annealing = Annealing()) -> None:  # noqa: B008
         """Freeze noise and ray samples at the current values; the caller's optimiser may then run."""
@@ -178,35 +204,67 @@ class ObjectGraph:
 
     def marginals(self, handle: ObjectHandle) -> ObjectCovariance:
         """The object's joint covariance of pose, log-scale and code; raises SolveError where undetermined."""
-        for problem in self.problems():
-            if any(problem.values.exists(key) for key in handle.keys):
-                return marginals(problem.graph, problem.values, handle.keys)
-        raise SolveError(f"{handle.name} is not in the graph")
+        return ObjectCovariance.of(self.joint_marginals(handle), "marginals")
 
-    def _depth_factor(
-        self, handle: ObjectHandle, camera: gtsam.Pose3 | int, rays: Rays, share: Float[np.ndarray, "r"]
-    ) -> DepthFactor:
-        return DepthFactor(
-            handle.keys, handle.prior.decoder, camera, rays,
-            renderer=self._renderer(), prior_sigma=handle.prior.residual_sigma,
-            sampling=self.config.sampling, weighting=self._weighting(share),
-        )  # fmt: skip
+    def joint_marginals(self, handle: ObjectHandle, others: Sequence[int] = ()) -> Float[np.ndarray, "d d"]:
+        """Joint covariance of the object's pose, log-scale and code and then of `others`, in their order.
+
+        `others` are keys of any variables of the graph, such as cameras: the cross blocks are those of the GTSAM
+        tangents, [rotation, translation] in the body frame of a `Pose3`. Raises SolveError where undetermined.
+        """
+        keys = [*handle.keys, *others]
+        problems = [p for p in self.problems() if any(p.values.exists(key) for key in keys)]
+        if not any(p.values.exists(handle.keys.pose) for p in problems):
+            raise SolveError(f"{handle.name} is not in the graph")
+        if len(problems) == 1:
+            return joint_covariance(problems[0].graph, problems[0].values, keys)
+        return joint_covariance(self.graph, self.values, keys)  # parts that share no factor do not correlate
+
+    def _first_estimate(
+        self,
+        name: str,
+        prior: ShapePrior,
+        views: Sequence[ObjectView],
+        up_world: Float[np.ndarray, "3"] | None,
+    ) -> ObjectState:
+        if up_world is None:
+            raise ObservationError(f"{name}: to place it by its views, say which way is up (up_world=...)")
+        states = guesses(prior, views, up_world, self.floor, self.initialisation)
+        (best, *_), _ = rank(prior, views, states, up_world, self.floor, self.initialisation, self.config)
+        return best
 
     def _add(self, handle: ObjectHandle, factor: ObservationFactor) -> None:
-        self.graph.push_back(factor.gtsam_factor())
+        self._push(handle, factor.gtsam_factor())
         handle.factors.append(factor)
 
-    def _weighting(self, share: Float[np.ndarray, "n"]) -> Weighting:
-        return Weighting("information", np.minimum(1.0, self.config.evidence * share))
+    def _push(self, handle: ObjectHandle, factor: gtsam.NonlinearFactor) -> None:
+        handle.slots[self.graph.size()] = factor
+        self.graph.push_back(factor)
 
-    def _renderer(self) -> Renderer:
-        return RENDERERS[self.config.renderer]
+    def _check_removable(self, handle: ObjectHandle) -> None:
+        if handle not in self.objects:
+            raise FactorError(f"{handle.name} is not in this graph")
+        own = set(handle.keys)
+        for i in range(self.graph.size()):
+            found = list(self.graph.at(i).keys()) if self.graph.exists(i) else None
+            expected = handle.slots.get(i)
+            if expected is not None and found != list(expected.keys()):
+                raise FactorError(
+                    f"{handle.name}: the graph was rearranged, its factor {i} is another one now"
+                )
+            if expected is None and found is not None and own.intersection(found):
+                names = ", ".join(gtsam.DefaultKeyFormatter(key) for key in found)
+                raise FactorError(f"{handle.name} cannot be removed: your factor {i} on {names} holds it")
 
     def _free_index(self) -> int:
         index = len(self.objects)
         while any(self.values.exists(key) for key in ObjectKeys.numbered(index)):
             index += 1
         return index
+
+
+def _several(views: ObjectView | Sequence[ObjectView]) -> list[ObjectView]:
+    return [views] if isinstance(views, ObjectView) else list(views)
 
 
 class _Parts:

@@ -5,9 +5,9 @@ from dataclasses import dataclass, field, replace
 
 from objgraph.errors import ObjectGraphError, SolveError
 from objgraph.estimation import Estimate, EstimationTask, unusable
-from objgraph.graph import GraphConfig, ObjectGraph
-from objgraph.initialise import single_object_graph
-from objgraph.solve import Problem, SolverConfig, solve
+from objgraph.object_factors import GraphConfig
+from objgraph.single_object import SingleObject, single_object
+from objgraph.solve import SolverConfig, solve
 
 
 @dataclass(frozen=True)
@@ -29,60 +29,50 @@ class GraphEstimator:
     def _solved(
         self, tasks: Sequence[EstimationTask], progress: Callable[[int, int], None] | None
     ) -> list[Estimate | SolveError]:
-        attempts = [[_Attempt.of(task, i, self.graph) for i in range(len(task.starts))] for task in tasks]
+        attempts = [
+            [
+                single_object(task.prior, start, task.views, task.up_world, task.floor, self.graph)
+                for start in task.starts
+            ]
+            for task in tasks
+        ]
         first = replace(self.solver, slopes=self.solver.slopes[:1], rounds=1)
         solve([attempt.problem for several in attempts for attempt in several], first)
         chosen = [_cheapest(several) for several in attempts]
-        for attempt in chosen:
-            attempt.begin(self.solver.slopes[-1])
+        costs = [_begin(attempt, self.solver.slopes[-1]) for attempt in chosen]
         solve([attempt.problem for attempt in chosen if not attempt.problem.failure], self.solver, progress)
-        return [
-            _estimate(attempt, several, task)
-            for attempt, several, task in zip(chosen, attempts, tasks, strict=True)
-        ]
+        return [_estimate(*each) for each in zip(chosen, costs, attempts, tasks, strict=True)]
 
 
-@dataclass
-class _Attempt:
-    objects: ObjectGraph
-    problem: Problem
-    cost_initial: float = float("nan")
-
-    @classmethod
-    def of(cls, task: EstimationTask, start: int, config: GraphConfig) -> "_Attempt":
-        objects = single_object_graph(
-            task.prior, task.starts[start], task.views, task.up_world, task.floor, config
-        )
-        return cls(objects, objects.problems()[0])
-
-    def begin(self, slope: float) -> None:
-        """Note what the start itself costs at the slope at which the end will be judged."""
-        if self.problem.failure is None:
-            try:
-                self.cost_initial = self.objects.problems()[0].refreshed_cost(slope)
-            except (ObjectGraphError, RuntimeError) as error:
-                self.problem.failure = str(error)
+def _begin(attempt: SingleObject, slope: float) -> float:
+    """What the start costs at the slope at which the end will be judged; nan where it cannot be said."""
+    if attempt.problem.failure is None:
+        try:
+            return attempt.cost_of_start(slope)
+        except (ObjectGraphError, RuntimeError) as error:
+            attempt.problem.failure = str(error)
+    return float("nan")
 
 
-def _cheapest(attempts: Sequence[_Attempt]) -> _Attempt:
+def _cheapest(attempts: Sequence[SingleObject]) -> SingleObject:
     solved = [attempt for attempt in attempts if attempt.problem.failure is None]
     return min(solved or attempts[:1], key=lambda attempt: attempt.problem.cost)
 
 
-def _estimate(attempt: _Attempt, tried: Sequence[_Attempt], task: EstimationTask) -> Estimate | SolveError:
-    problem, objects = attempt.problem, attempt.objects
+def _estimate(
+    attempt: SingleObject, cost_initial: float, tried: Sequence[SingleObject], task: EstimationTask
+) -> Estimate | SolveError:
+    problem = attempt.problem
     if problem.failure is not None:
         return SolveError(f"{task.name}: {problem.failure}")
-    objects.values.update(problem.values)
-    handle = objects.objects[0]
     try:
-        covariance = objects.marginals(handle)
+        covariance = attempt.marginals()
     except SolveError as error:
         return SolveError(f"{task.name}: {error}")
     return Estimate(
-        objects.state(handle),
+        attempt.state,
         covariance,
-        attempt.cost_initial,
+        cost_initial,
         problem.cost,
         sum(each.problem.linearizations for each in tried),
         sum(each.problem.error_evaluations for each in tried),

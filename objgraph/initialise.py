@@ -15,11 +15,11 @@ from jaxtyping import Float
 from factors.depth import RaySampling
 from factors.state import ObjectState
 from objgraph.errors import InitialisationError
-from objgraph.graph import GraphConfig, ObjectGraph
-from objgraph.ground import rays_from_below
 from objgraph.initial_box import gravity_box, smallest_heading
+from objgraph.object_factors import GraphConfig
 from objgraph.prior.prior import ShapePrior
 from objgraph.sampling import ObjectView
+from objgraph.single_object import single_object
 from objgraph.solve import LevenbergMarquardtConfig, Problem, SolverConfig, solve
 
 
@@ -160,8 +160,8 @@ def rank(
         view.thinned(config.points // share, config.rays // share, seed=i) for i, view in enumerate(views)
     ]
     settings = replace(graph_config, sampling=config.sampling)
-    graphs = [single_object_graph(prior, state, thin, up_world, floor, settings) for state in states]
-    problems = [graph.problems()[0] for graph in graphs]
+    singles = [single_object(prior, state, thin, up_world, floor, settings) for state in states]
+    problems = [single.problem for single in singles]
     solve(problems, SolverConfig((config.slope,), 1, inner=config.inner))
     shortlist = sorted(_solved(problems), key=lambda i: problems[i].cost)[: config.shortlist]
     solve([problems[i] for i in shortlist], SolverConfig((config.slope,), 2, inner=config.inner))
@@ -170,7 +170,7 @@ def rank(
         raise InitialisationError(f"none of {len(states)} guesses could be solved: {problems[0].failure}")
     best = []
     for i in sorted(shortlist, key=lambda i: problems[i].cost):
-        state = ObjectState.from_values(problems[i].values, graphs[i].objects[0].keys)
+        state = singles[i].state
         if not any(_same_heading(state, other) for other in best):
             best.append(state)
     return best[: config.keep], problems
@@ -178,25 +178,6 @@ def rank(
 
 def _solved(problems: Sequence[Problem]) -> list[int]:
     return [i for i, problem in enumerate(problems) if problem.failure is None]
-
-
-def single_object_graph(
-    prior: ShapePrior,
-    state: ObjectState,
-    views: Sequence[ObjectView],
-    up_world: Float[np.ndarray, "3"],
-    floor: float | None,
-    config: GraphConfig,
-) -> ObjectGraph:
-    """A graph of one object, its views at fixed cameras, and the floor where its height is known."""
-    objects = ObjectGraph(gtsam.NonlinearFactorGraph(), gtsam.Values(), config)
-    handle = objects.add_object(prior, state, up_world=up_world)
-    for view in views:
-        objects.observe(handle, view)
-    if floor is not None:
-        points = np.concatenate([view.points_world for view in views])
-        objects.add_free_rays(handle, *rays_from_below(points, up_world, floor))
-    return objects
 
 
 def _same_heading(a: ObjectState, b: ObjectState, angle: float = 0.25) -> bool:

@@ -17,12 +17,12 @@ from objgraph.covariance import ObjectCovariance, surface_sigma
 from objgraph.errors import InitialisationError, ObjectGraphError, ObservationError, SolveError
 from objgraph.estimation import Estimate, EstimationTask, Estimator
 from objgraph.floor import estimate_floor
-from objgraph.graph import GraphConfig
 from objgraph.graph_estimator import GraphEstimator
 from objgraph.initialise import InitialisationConfig, guesses, rank
 from objgraph.map import MappedObject, ObjectMap, PriorReference
 from objgraph.map_estimate import OtherEstimate
 from objgraph.mesh import extract_mesh
+from objgraph.object_factors import GraphConfig
 from objgraph.observation import FrameSource, Instance, Scan
 from objgraph.prior.prior import ShapePrior
 from objgraph.prior.registry import prior_for

@@ -1,6 +1,6 @@
 """From a frame and an instance id to what the factors take: surface points and rays in the camera frame."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import gtsam
 import numpy as np
@@ -96,6 +96,10 @@ class ObjectView:
         share[rays.hit] = patch_shares(at[rays.hit], self.patch, most=0.25)
         share[~rays.hit] = patch_shares(at[~rays.hit], self.patch, most=1.0)
         return share
+
+    def at(self, T_world_camera: gtsam.Pose3) -> "ObjectView":
+        """The same view, seen from another camera pose."""
+        return replace(self, T_world_camera=T_world_camera)
 
     def thinned(self, points: int, rays: int, seed: int = 0) -> "ObjectView":
         """A random part of this view, for cheap early decisions."""

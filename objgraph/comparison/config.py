@@ -11,8 +11,8 @@ from typing import Any
 from objgraph.comparison.cases import CaseSource
 from objgraph.comparison.methods import method
 from objgraph.comparison.uncertainty import POINTS
-from objgraph.graph import GraphConfig
 from objgraph.initialise import InitialisationConfig
+from objgraph.object_factors import GraphConfig
 from objgraph.prior.prior import ShapePrior
 from objgraph.prior.registry import prior_for
 from objgraph.prior.store import load_prior_file

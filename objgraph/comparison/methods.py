@@ -11,8 +11,8 @@ from factors.gaussian_depth import Deterministic, Sampled
 from objgraph.adam import AdamConfig, AdamEstimator, GaussNewtonEstimator
 from objgraph.errors import EvaluationError
 from objgraph.estimation import Estimator
-from objgraph.graph import GraphConfig
 from objgraph.graph_estimator import GraphEstimator
+from objgraph.object_factors import GraphConfig
 from objgraph.sampling import SamplingConfig
 
 _DENSE = SamplingConfig(points=1000, hits=500, free=500)

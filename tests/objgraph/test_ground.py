@@ -7,10 +7,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from factors.state import ObjectState
-from objgraph.graph import GraphConfig
 from objgraph.ground import rays_from_below
-from objgraph.initialise import single_object_graph
+from objgraph.object_factors import GraphConfig
 from objgraph.sampling import SamplingConfig, observe
+from objgraph.single_object import single_object
 from tests.objgraph.test_initial_box import turned, ups
 from tests.toys import toy_frame, toy_prior, toy_state
 
@@ -40,8 +40,8 @@ def test_an_object_under_the_floor_is_lifted():
             state.code,
         )
         up = np.array([0.0, 0.0, 1.0])
-        graph = single_object_graph(toy_prior(), moved, [view], up, 0.0, GraphConfig())
-        return graph.objects[0].factors[-1].loss(graph.values)
+        problem = single_object(toy_prior(), moved, [view], up, 0.0, GraphConfig()).problem
+        return problem.factors[-1].loss(problem.values)
 
     on_the_floor, sunk = cost(0.0), cost(0.2)
     assert sunk > on_the_floor + 3

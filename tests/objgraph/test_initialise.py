@@ -8,15 +8,15 @@ import pytest
 
 from factors.state import ObjectState
 from objgraph.errors import InitialisationError
-from objgraph.graph import GraphConfig
 from objgraph.initialise import (
     InitialisationConfig,
     guesses,
     rank,
-    single_object_graph,
 )
 from objgraph.mesh import extract_mesh
+from objgraph.object_factors import GraphConfig
 from objgraph.sampling import ObjectView, SamplingConfig, observe
+from objgraph.single_object import single_object
 from tests.objgraph.test_initial_box import cuboid, turned
 from tests.toys import ToyDecoder, toy_frame, toy_prior, toy_state
 
@@ -151,12 +151,8 @@ def test_a_starting_shape_like_the_object_is_preferred():
 def test_the_graph_of_one_object_has_its_views_and_priors():
     state = toy_state()
     view = observe(toy_frame([state], 0.3), 1, SAMPLING)
-    assert (
-        single_object_graph(toy_prior(), state, [view, view], UP, 0.0, GraphConfig()).graph.size()
-        == 3 + 2 * 2 + 1
-    )
-    objects = single_object_graph(toy_prior(), state, [view, view], UP, None, GraphConfig())
-    assert objects.graph.size() == 3 + 2 * 2
-    assert objects.objects[0].views == ["0", "0"]
-    assert isinstance(objects.objects[0].prior.decoder, ToyDecoder)
-    assert len(objects.problems()) == 1
+    for floor, rays_from_below in ((0.0, 1), (None, 0)):
+        problem = single_object(toy_prior(), state, [view, view], UP, floor, GraphConfig()).problem
+        assert problem.graph.size() == 3 + 2 * 2 + rays_from_below
+        assert len(problem.factors) == 2 * 2 + rays_from_below
+        assert all(isinstance(factor.decoder, ToyDecoder) for factor in problem.factors)

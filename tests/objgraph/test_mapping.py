@@ -16,13 +16,14 @@ from objgraph.adam import AdamConfig
 from objgraph.adam.terms import RaySteps
 from objgraph.errors import InitialisationError, ObservationError, SolveError
 from objgraph.evaluation.maps import evaluated
-from objgraph.graph import GraphConfig
-from objgraph.initialise import InitialisationConfig, single_object_graph
+from objgraph.initialise import InitialisationConfig
 from objgraph.map import ObjectMap
 from objgraph.mapping import MappingConfig, map_object, map_scan, scene_points
+from objgraph.object_factors import GraphConfig
 from objgraph.observation import GroundTruth, Instance, Scan
 from objgraph.prior.registry import prior_for
 from objgraph.sampling import SamplingConfig, observe
+from objgraph.single_object import single_object
 from objgraph.solve import SolverConfig
 from tests.toys import INTRINSICS, ListedFrames, ToyDecoder, toy_frame, toy_mesh, toy_prior, toy_state
 
@@ -313,10 +314,9 @@ def test_the_covariance_of_many_chairs_covers_their_truth():
         truth = ObjectState(T, log_scale, code)
         views = [observe(toy_frame([truth], a, seed=seed), 1, CONFIG.sampling) for a in (0.3, 2.0)]
         start = truth.retract(np.concatenate([0.03 * rng.normal(size=9), -code]))
-        objects = single_object_graph(prior, start, views, UP, None, GraphConfig())
-        objects.optimize(CONFIG.solver)
-        handle = objects.objects[0]
-        found, covariance = objects.state(handle), objects.marginals(handle).rigid
+        single = single_object(prior, start, views, UP, None, GraphConfig())
+        solve([single.problem], CONFIG.solver)
+        found, covariance = single.state, single.marginals().rigid
         error = np.concatenate(
             [found.T_world_object.localCoordinates(truth.T_world_object), truth.log_scale - found.log_scale]
         )

@@ -13,9 +13,9 @@ from factors.priors import code_prior, scale_prior, upright_prior
 from factors.state import ObjectKeys, ObjectState
 from factors.surface import SurfaceFactor
 from objgraph.errors import SolveError
-from objgraph.graph import GraphConfig
-from objgraph.initialise import single_object_graph
+from objgraph.object_factors import GraphConfig
 from objgraph.sampling import SamplingConfig, observe
+from objgraph.single_object import single_object
 from objgraph.solve import LevenbergMarquardtConfig, Problem, SolverConfig, minimize, solve
 from tests.toys import ToyDecoder, toy_frame, toy_prior, toy_state
 
@@ -90,8 +90,7 @@ def chair_problem(heading: float = 0.4, decoder: ToyDecoder | None = None) -> Pr
         observe(toy_frame([state], azimuth, seed=i), 1, sampling) for i, azimuth in enumerate((0.3, 2.0))
     ]
     prior = replace(toy_prior(), decoder=decoder or ToyDecoder().double())
-    (problem,) = single_object_graph(prior, state.retract(OFF), views, UP, None, GraphConfig()).problems()
-    return problem
+    return single_object(prior, state.retract(OFF), views, UP, None, GraphConfig()).problem
 
 
 def difference(a: gtsam.Values, b: gtsam.Values) -> float:

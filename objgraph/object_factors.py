@@ -1,0 +1,108 @@
+"""The factors of one object: what is known of it beforehand, and what each view says."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Literal
+
+import gtsam
+import numpy as np
+from jaxtyping import Float
+
+from factors.base import ObservationFactor
+from factors.depth import DepthFactor, RaySampling
+from factors.full_distribution import FullDistribution
+from factors.gaussian_depth import Deterministic, Probabilistic, Sampled
+from factors.priors import code_prior, scale_prior, upright_prior
+from factors.rays import Rays
+from factors.rendering import Renderer
+from factors.state import ObjectKeys
+from factors.surface import SurfaceFactor
+from factors.weighting import Weighting
+from objgraph.ground import rays_from_below
+from objgraph.prior.prior import ShapePrior
+from objgraph.sampling import ObjectView
+
+RENDERERS: dict[str, Renderer] = {
+    "full": FullDistribution(),
+    "probabilistic": Probabilistic(),
+    "sampled": Sampled(),
+    "deterministic": Deterministic(),
+}
+
+
+@dataclass(frozen=True)
+class GraphConfig:
+    """How measurements and priors are weighed."""
+
+    renderer: Literal["full", "probabilistic", "sampled", "deterministic"] = "full"
+    """The 2D factor's renderer: the full termination distribution, or a Gaussian depth, the paper's, NodeSLAM's or
+    DSP-SLAM's."""
+    sampling: RaySampling = field(default_factory=RaySampling)
+    evidence: float = 1.0
+    """Independent measurements a patch of seen surface counts for, in each of the two factors of a view."""
+    anisotropy_sigma: float = 0.1
+    """Standard deviation of each axis' log-scale about their mean: the code, not the scale, stretches shapes."""
+    code_spread: float = 3.0
+    """Factor on the code prior's standard deviations: a Gaussian through several kinds of shapes is dense between
+    them, at shapes of no kind (a table without legs), and would hold codes there."""
+    upright_sigma: float = 0.03
+    """Radians by which an object that stands on the floor may lean, about each level axis."""
+
+
+def state_priors(
+    prior: ShapePrior, keys: ObjectKeys, config: GraphConfig, up_world: Float[np.ndarray, "3"] | None
+) -> list[gtsam.NonlinearFactor]:
+    """Priors on the object's code, on its scale and, with `up_world`, on its lean."""
+    anisotropy = prior.anisotropy_sigma or config.anisotropy_sigma
+    factors = [
+        code_prior(keys, prior.code_mean, config.code_spread**2 * prior.code_covariance),
+        scale_prior(keys, np.log(prior.size_mean), prior.size_log_sigma, anisotropy),
+    ]
+    if up_world is not None:
+        factors.append(upright_prior(keys, up_world, config.upright_sigma))
+    return factors
+
+
+def view_factors(
+    prior: ShapePrior, keys: ObjectKeys, view: ObjectView, camera: gtsam.Pose3 | int, config: GraphConfig
+) -> list[ObservationFactor]:
+    """The 3D and the 2D factor of one view; `camera` is T_world_camera or the key of a `Pose3` that holds it."""
+    surface = SurfaceFactor(
+        keys, prior.decoder, camera, view.points_camera, view.points_sigma,
+        prior_sigma=prior.residual_sigma, weighting=_weighting(view.points_share, config),
+    )  # fmt: skip
+    return [surface, ray_factor(prior, keys, camera, view.rays, view.rays_share, config)]
+
+
+def floor_factor(
+    prior: ShapePrior,
+    keys: ObjectKeys,
+    views: Sequence[ObjectView],
+    up_world: Float[np.ndarray, "3"],
+    floor: float,
+    config: GraphConfig,
+) -> ObservationFactor:
+    """Nothing of the object lies below the floor, whose height along `up_world` is `floor`."""
+    points_world = np.concatenate([view.points_world for view in views])
+    T_world_below, rays = rays_from_below(points_world, up_world, floor)
+    return ray_factor(prior, keys, T_world_below, rays, np.ones(len(rays.depth)), config)
+
+
+def ray_factor(
+    prior: ShapePrior,
+    keys: ObjectKeys,
+    camera: gtsam.Pose3 | int,
+    rays: Rays,
+    share: Float[np.ndarray, "r"],
+    config: GraphConfig,
+) -> DepthFactor:
+    """A 2D factor alone; `share` is the part of an independent measurement that each ray is."""
+    return DepthFactor(
+        keys, prior.decoder, camera, rays,
+        renderer=RENDERERS[config.renderer], prior_sigma=prior.residual_sigma,
+        sampling=config.sampling, weighting=_weighting(share, config),
+    )  # fmt: skip
+
+
+def _weighting(share: Float[np.ndarray, "n"], config: GraphConfig) -> Weighting:
+    return Weighting("information", np.minimum(1.0, config.evidence * share))

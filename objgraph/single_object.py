@@ -1,0 +1,65 @@
+"""One object in a graph of its own, seen from cameras that are known."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import gtsam
+import numpy as np
+from jaxtyping import Float
+
+from factors.state import ObjectKeys, ObjectState
+from objgraph.covariance import ObjectCovariance, marginals
+from objgraph.object_factors import GraphConfig, floor_factor, state_priors, view_factors
+from objgraph.prior.prior import ShapePrior
+from objgraph.sampling import ObjectView
+from objgraph.solve import Problem
+
+_KEYS = ObjectKeys.numbered(0)
+
+
+@dataclass
+class SingleObject:
+    """An object's own graph, where its estimate began, and the problem whose values are where it stands."""
+
+    start: gtsam.Values
+    problem: Problem
+
+    @property
+    def state(self) -> ObjectState:
+        """The current estimate."""
+        return ObjectState.from_values(self.problem.values, _KEYS)
+
+    def cost_of_start(self, slope: float) -> float:
+        """What the start costs with samples and weights of its own, at an occupancy slope."""
+        return replace(self.problem, values=self.start).refreshed_cost(slope)
+
+    def marginals(self) -> ObjectCovariance:
+        """Joint covariance of pose, log-scale and code; raises SolveError where undetermined."""
+        return marginals(self.problem.graph, self.problem.values, _KEYS)
+
+
+def single_object(
+    prior: ShapePrior,
+    state: ObjectState,
+    views: Sequence[ObjectView],
+    up_world: Float[np.ndarray, "3"] | None,
+    floor: float | None,
+    config: GraphConfig,
+) -> SingleObject:
+    """One object at `state`, its views, and the floor where its height along `up_world` is known.
+
+    Raises:
+        FactorError: the state or a view cannot be used.
+    """
+    graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
+    state.insert(values, _KEYS)
+    for factor in state_priors(prior, _KEYS, config, up_world):
+        graph.push_back(factor)
+    factors = [
+        factor for view in views for factor in view_factors(prior, _KEYS, view, view.T_world_camera, config)
+    ]
+    if floor is not None and up_world is not None:
+        factors.append(floor_factor(prior, _KEYS, views, up_world, floor, config))
+    for factor in factors:
+        graph.push_back(factor.gtsam_factor())
+    return SingleObject(values, Problem(prior.category, graph, values, factors))
