@@ -9,6 +9,7 @@ import torch
 from torch import Tensor
 
 from factors.errors import FactorError
+from factors.keys import readable_key
 from factors.reduce import Rows, guarded_factor, reduce_rows
 from factors.sdf import SdfQuery, query_points
 from factors.sdf_decoder import SdfDecoder, SdfJet
@@ -66,7 +67,7 @@ class ObservationFactor(ABC):
         state = ObjectState.from_values(values, self.object_keys)
         if len(state.code) != self.decoder.code_length:
             raise FactorError(
-                f"{gtsam.DefaultKeyFormatter(self.object_keys.code)} holds a code of length "
+                f"{readable_key(self.object_keys.code)} holds a code of length "
                 f"{len(state.code)}, but the decoder takes {self.decoder.code_length}"
             )
         return state

@@ -10,6 +10,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from factors.errors import FactorError
+from factors.keys import readable_key
 
 Evaluate = Callable[[gtsam.Values, bool], tuple[np.ndarray, Sequence[np.ndarray] | None]]
 """(values, want Jacobians) -> residual and one Jacobian block a key."""
@@ -64,7 +65,7 @@ def guarded_factor(
     makes an optimiser return its start: here each raises FactorError with the factor's name and keys.
     """
     keys = list(keys)
-    label = f"{name}({', '.join(gtsam.DefaultKeyFormatter(key) for key in keys)})"
+    label = f"{name}({', '.join(readable_key(key) for key in keys)})"
 
     def error_function(this: gtsam.CustomFactor, values: gtsam.Values, H: list | None) -> np.ndarray:
         residual, blocks = evaluate(values, H is not None)
@@ -73,7 +74,7 @@ def guarded_factor(
             if blocks is None or len(blocks) != len(keys):
                 raise FactorError(f"{label}: {len(keys)} Jacobian blocks are due, one a key")
             for i, (key, dim, block) in enumerate(zip(keys, dims, blocks, strict=True)):
-                what = f"{label}: the Jacobian w.r.t. {gtsam.DefaultKeyFormatter(key)}"
+                what = f"{label}: the Jacobian w.r.t. {readable_key(key)}"
                 _check(block, (rows, dim), what)
                 H[i] = np.asfortranarray(block)
         return residual

@@ -8,6 +8,7 @@ from gtsam.symbol_shorthand import O, S, Z
 from jaxtyping import Float
 
 from factors.errors import FactorError
+from factors.keys import readable_key
 
 POSE_DOF = 6
 SCALE_DOF = 3
@@ -55,7 +56,7 @@ class ObjectState:
         """Add this state to `values`; raises FactorError naming the key if one is taken."""
         for key in keys:
             if values.exists(key):
-                raise FactorError(f"the key {gtsam.DefaultKeyFormatter(key)} is already in the values")
+                raise FactorError(f"the key {readable_key(key)} is already in the values")
         values.insert(keys.pose, self.T_world_object)
         values.insert(keys.log_scale, np.asarray(self.log_scale, dtype=float))
         values.insert(keys.code, np.asarray(self.code, dtype=float))

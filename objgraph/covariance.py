@@ -1,19 +1,27 @@
 """Labelled covariances of an object, from the graph, and what they mean on its surface."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import gtsam
 import numpy as np
 import torch
 from jaxtyping import Float
-from scipy.sparse import csc_matrix, diags, eye
-from scipy.sparse.linalg import splu
 
+from factors.keys import readable_key
 from factors.sdf import metres_per_unit, propagated_variance, query_points, sdf_jacobian
 from factors.sdf_decoder import SdfDecoder
 from factors.state import RIGID_DOF, ObjectKeys, ObjectState
+from objgraph.diagnostics.null_space import TOLERANCE
+from objgraph.diagnostics.undetermined import (
+    check_linear,
+    explanation,
+    loose_directions,
+    require_values,
+    without_factors,
+)
 from objgraph.errors import SolveError
+from objgraph.linear import hessian_diagonal
 
 RIGID_AXES = (
     *(f"rotation_{axis} [rad, object frame]" for axis in "xyz"),
@@ -63,24 +71,41 @@ def marginals(graph: gtsam.NonlinearFactorGraph, values: gtsam.Values, keys: Obj
     """The object's joint marginal in `graph` at `values`.
 
     Raises:
-        SolveError: the graph leaves something undetermined; the message names the key and what is missing.
+        SolveError: the graph leaves something undetermined; the message names keys, directions and the missing priors.
     """
-    return ObjectCovariance.of(joint_covariance(graph, values, list(keys)), "marginals")
+    return ObjectCovariance.of(joint_covariance(graph, values, list(keys), [keys]), "marginals")
 
 
 def joint_covariance(
-    graph: gtsam.NonlinearFactorGraph, values: gtsam.Values, keys: Sequence[int]
+    graph: gtsam.NonlinearFactorGraph,
+    values: gtsam.Values,
+    keys: Sequence[int],
+    objects: Iterable[ObjectKeys] = (),
 ) -> Float[np.ndarray, "d d"]:
-    """Joint marginal covariance of `keys`, in their order; raises SolveError where it is not determined."""
-    for key in keys:
-        if graph.keys().count(key) == 0:
-            raise SolveError(_undetermined(gtsam.DefaultKeyFormatter(key)))
+    """Joint marginal covariance of `keys`, in their order.
+
+    `objects` are the keys of objects that have none of the default letters, for messages.
+
+    Raises:
+        SolveError: it is not determined; the message names keys, directions and the missing priors.
+    """
+    require_values(graph, values)
+    known = set(graph.keyVector())
+    lonely = [key for key in keys if key not in known]
+    for key in lonely:
+        if not values.exists(key):
+            raise SolveError(f"{readable_key(key)} has no covariance: it is not in the values")
+    if lonely:
+        raise SolveError(explanation(without_factors(lonely, values, objects)))
+    linear = graph.linearize(values)
     try:
-        joint = gtsam.Marginals(graph, values).jointMarginalCovariance(gtsam.KeyVector(keys))
+        joint = gtsam.Marginals(linear, values).jointMarginalCovariance(gtsam.KeyVector(keys))
     except RuntimeError as error:
-        key = _loosest_key(graph.linearize(values))
-        raise SolveError(_undetermined(gtsam.DefaultKeyFormatter(key))) from error
+        raise SolveError(explanation(loose_directions(linear, values, objects, at_least=1))) from error
     matrix = np.block([[joint.at(a, b) for b in keys] for a in keys])
+    if _is_rounding(matrix, linear, keys):
+        # Cholesky went through by chance
+        check_linear(linear, values, objects)
     return 0.5 * (matrix + matrix.T)
 
 
@@ -98,28 +123,15 @@ def surface_sigma(
     return propagated_variance(jacobian, torch.as_tensor(covariance.matrix)).clamp_min(0).sqrt().numpy()
 
 
-def _loosest_key(linear: gtsam.GaussianFactorGraph) -> int:
-    """The variable that moves most in the directions that no factor sees.
-
-    GTSAM names the variable at which its elimination stops, which depends on the ordering.
-    """
-    keys = sorted(linear.keyVector())
-    dims = [linear.gradientAtZero().at(key).size for key in keys]
-    row, column, value = linear.sparseJacobian_()  # counted from 1; the last column is the right-hand side
-    entries = value, (row.astype(int) - 1, column.astype(int) - 1)
-    J = csc_matrix(entries, shape=(int(row.max()), sum(dims) + 1))[:, : sum(dims)]
-    norm = np.sqrt(np.asarray(J.multiply(J).sum(axis=0)).ravel())
-    J = J @ diags(1.0 / np.where(norm > 0, norm, 1.0))
-    # the inverse of a barely regular Hessian throws whatever it is given into the unseen directions
-    probe = np.random.default_rng(0).normal(size=(sum(dims), 8))
-    unseen = splu((J.T @ J + 1e-10 * eye(sum(dims))).tocsc()).solve(probe)
-    share = np.add.reduceat(np.square(unseen).sum(axis=1), np.cumsum([0, *dims[:-1]]))
-    return keys[int(np.argmax(share))]
-
-
-def _undetermined(name: str) -> str:
-    missing = {"s": "a scale prior", "z": "a code prior", "o": "views of the object or a pose prior"}
-    return (
-        f"the graph does not determine {name}: it needs {missing.get(name[0], 'a prior')}, "
-        "or more measurements of it"
-    )
+def _is_rounding(
+    matrix: Float[np.ndarray, "d d"], linear: gtsam.GaussianFactorGraph, keys: Sequence[int]
+) -> bool:
+    """Whether variances exceed what the factors say of the same unknowns by as much as rounding would."""
+    near = gtsam.GaussianFactorGraph()
+    for i in range(linear.size()):
+        if linear.exists(i) and not set(keys).isdisjoint(linear.at(i).keys()):
+            near.push_back(linear.at(i))
+    diagonal = hessian_diagonal(near)
+    information = np.concatenate([diagonal[key] for key in keys])
+    spread = np.diag(matrix)
+    return not (spread > 0).all() or bool((spread * information).max() > 1e-2 / TOLERANCE**2)

@@ -9,9 +9,11 @@ from jaxtyping import Float
 
 from factors.base import Annealing, ObservationFactor
 from factors.errors import FactorError
+from factors.keys import readable_key
 from factors.rays import Rays
 from factors.state import ObjectKeys, ObjectState
 from objgraph.covariance import ObjectCovariance, joint_covariance
+from objgraph.diagnostics.undetermined import require_values
 from objgraph.errors import ObservationError, SolveError
 from objgraph.initialise import InitialisationConfig, guesses, rank
 from objgraph.object_factors import GraphConfig, floor_factor, ray_factor, state_priors, view_factors
@@ -110,6 +112,11 @@ class ObjectGraph:
             self._add(handle, factor)
         handle.views.append(view.frame)
 
+    def add_factors(self, handle: ObjectHandle, factors: Sequence[ObservationFactor]) -> None:
+        """Add observation factors on the object's keys that were made elsewhere."""
+        for factor in factors:
+            self._add(handle, factor)
+
     def add_free_rays(self, handle: ObjectHandle, camera: gtsam.Pose3 | int, rays: Rays) -> None:
         """Add a 2D factor alone, of rays each of which is one independent measurement."""
         share = np.ones(len(rays.depth))
@@ -158,10 +165,11 @@ class ObjectGraph:
         """Minimise the whole graph, each connected part by itself; the values are updated in place.
 
         Raises:
-            SolveError: a part failed; the message names its objects. Parts that succeeded are updated all the same.
+            SolveError: a part failed, or leaves something undetermined; the message names its objects, and the
+                directions and the priors that are missing. Parts that succeeded are updated all the same.
         """
         problems = self.problems()
-        solve(problems, config)
+        solve(problems, config, refuse_undetermined=True)
         for problem in problems:
             self.values.update(problem.values)
         failed = [f"{problem.name}: {problem.failure}" for problem in problems if problem.failure]
@@ -175,13 +183,8 @@ class ObjectGraph:
         Raises:
             SolveError: a factor's variable is not in the values.
         """
+        require_values(self.graph, self.values)
         part = _Parts()
-        for key in self.graph.keyVector():
-            if not self.values.exists(key):
-                raise SolveError(
-                    f"the graph has factors on {gtsam.DefaultKeyFormatter(key)}, which is not in the values: "
-                    "insert a first estimate of it"
-                )
         indices = [i for i in range(self.graph.size()) if self.graph.exists(i)]
         for i in indices:
             part.join(self.graph.at(i).keys())
@@ -213,12 +216,12 @@ class ObjectGraph:
         tangents, [rotation, translation] in the body frame of a `Pose3`. Raises SolveError where undetermined.
         """
         keys = [*handle.keys, *others]
-        problems = [p for p in self.problems() if any(p.values.exists(key) for key in keys)]
-        if not any(p.values.exists(handle.keys.pose) for p in problems):
-            raise SolveError(f"{handle.name} is not in the graph")
-        if len(problems) == 1:
-            return joint_covariance(problems[0].graph, problems[0].values, keys)
-        return joint_covariance(self.graph, self.values, keys)  # parts that share no factor do not correlate
+        parts = [p for p in self.problems() if any(p.values.exists(key) for key in keys)]
+        # parts that share no factor do not correlate, and GTSAM says so of the whole
+        graph, values = (parts[0].graph, parts[0].values) if len(parts) == 1 else (self.graph, self.values)
+        if not all(values.exists(key) for key in keys):
+            graph, values = self.graph, self.values
+        return joint_covariance(graph, values, keys, [each.keys for each in self.objects])
 
     def _first_estimate(
         self,
@@ -253,7 +256,7 @@ class ObjectGraph:
                     f"{handle.name}: the graph was rearranged, its factor {i} is another one now"
                 )
             if expected is None and found is not None and own.intersection(found):
-                names = ", ".join(gtsam.DefaultKeyFormatter(key) for key in found)
+                names = ", ".join(readable_key(key) for key in found)
                 raise FactorError(f"{handle.name} cannot be removed: your factor {i} on {names} holds it")
 
     def _free_index(self) -> int:

@@ -13,7 +13,9 @@ import numpy as np
 
 from factors.base import Annealing, ObservationFactor
 from factors.batch import prefetch
+from objgraph.diagnostics.undetermined import check_linear
 from objgraph.errors import ObjectGraphError, SolveError
+from objgraph.linear import hessian_diagonal
 
 
 @dataclass(frozen=True)
@@ -74,11 +76,15 @@ def solve(
     problems: Sequence[Problem],
     config: SolverConfig | None = None,
     progress: Callable[[int, int], None] | None = None,
+    *,
+    refuse_undetermined: bool = False,
 ) -> None:
     """Minimise every problem in place, freezing and refreshing along the slopes.
 
     A problem that fails gets its `failure` set and leaves the others alone. The values kept are those of the lowest
     refreshed cost at the last slope, the start among them. `progress` is called with (rounds done, rounds at most).
+    Damping finds a minimum of a problem that leaves something undetermined too, and says nothing of it; with
+    `refuse_undetermined` such a problem fails before it is moved, and its failure names what is missing.
     """
     config = config or SolverConfig()
     last = config.slopes[-1]
@@ -90,7 +96,7 @@ def solve(
         active = [problem for problem in active if _guarded(problem, lambda p, s=slope: p.refresh(s))]
         if round_index >= len(config.slopes):
             active = [p for p in active if _still_falling(p, best, config.relative_tolerance)]
-        active = _levenberg_marquardt(active, config.inner)
+        active = _levenberg_marquardt(active, config.inner, refuse_undetermined and round_index == 0)
         if progress is not None:
             progress(round_index + 1, config.rounds)
         if not active:
@@ -140,10 +146,14 @@ class _Step:
     trial: gtsam.Values | None = None
     predicted: float = 0.0
     done: bool = False
+    unchecked: bool = False
+    """Whether to refuse the problem if its first linearisation is singular."""
 
 
-def _levenberg_marquardt(problems: Sequence[Problem], config: LevenbergMarquardtConfig) -> list[Problem]:
-    steps = [_Step(problem, config.initial_damping) for problem in problems]
+def _levenberg_marquardt(
+    problems: Sequence[Problem], config: LevenbergMarquardtConfig, check: bool = False
+) -> list[Problem]:
+    steps = [_Step(problem, config.initial_damping, unchecked=check) for problem in problems]
     _decode(steps, trial=False)
     for step in steps:
         step.done = not _guarded(step.problem, _start)
@@ -181,6 +191,9 @@ def _propose(step: _Step) -> None:
     if step.linear is None:
         step.linear = problem.graph.linearize(problem.values)
         problem.linearizations += 1
+    if step.unchecked:
+        check_linear(step.linear, problem.values, {factor.object_keys for factor in problem.factors})
+        step.unchecked = False
     delta = _damped(step.linear, step.damping).optimize()
     step.predicted = problem.cost - step.linear.error(delta)
     step.trial = problem.values.retract(delta)
@@ -208,20 +221,11 @@ def _damped(linear: gtsam.GaussianFactorGraph, damping: float) -> gtsam.Gaussian
     damped = gtsam.GaussianFactorGraph()
     for i in range(linear.size()):
         damped.push_back(linear.at(i))
-    for key, diagonal in _hessian_diagonal(linear).items():
+    for key, diagonal in hessian_diagonal(linear).items():
         weight = np.sqrt(damping * np.clip(diagonal, 1e-6, 1e12))
         unit = gtsam.noiseModel.Unit.Create(len(weight))
         damped.push_back(gtsam.JacobianFactor(key, np.diag(weight), np.zeros(len(weight)), unit))
     return damped
-
-
-def _hessian_diagonal(linear: gtsam.GaussianFactorGraph) -> dict[int, np.ndarray]:
-    zero = linear.gradientAtZero()
-    _, column, value = linear.sparseJacobian_()
-    total = sum(zero.at(key).size for key in linear.keyVector())
-    diagonal = np.bincount(column.astype(int) - 1, value**2, minlength=total + 1)[:total]
-    dims = [zero.at(key).size for key in sorted(linear.keyVector())]
-    return dict(zip(sorted(linear.keyVector()), np.split(diagonal, np.cumsum(dims)[:-1]), strict=True))
 
 
 def _guarded(problem: Problem, action: Callable[[Problem], None]) -> bool:

@@ -100,16 +100,28 @@ def look_at(eye, target) -> np.ndarray:
 def toy_frame(
     states: list[ObjectState], azimuth: float, name: str = "0", noise: float = 0.003, seed: int = 0
 ) -> Frame:
-    """A noisy picture of toy chairs (ids 1, 2, ...) on a floor."""
+    """A noisy picture of toy chairs (ids 1, 2, ...) on a floor, from around their middle."""
+    centre = np.mean([state.T_world_object.translation() for state in states], axis=0)
+    T = look_at(centre + [2.2 * np.cos(azimuth), 2.2 * np.sin(azimuth), 1.0], centre)
+    return toy_picture(states, T, name, noise, seed, floor=4.0)
+
+
+def toy_picture(
+    states: list[ObjectState],
+    T: np.ndarray,
+    name: str = "0",
+    noise: float = 0.003,
+    seed: int = 0,
+    floor: float = 40.0,
+) -> Frame:
+    """A noisy picture of toy chairs (ids 1, 2, ...) from a camera at T_world_camera; `floor`: half its edge, metres."""
     scene = o3d.t.geometry.RaycastingScene()
     for state in states:
         mesh = toy_mesh(state.code)
         vertices = state.to_world(np.asarray(mesh.vertices)).astype(np.float32)
         scene.add_triangles(o3d.core.Tensor(vertices), o3d.core.Tensor(np.asarray(mesh.faces, np.uint32)))
-    floor = np.array([[-4, -4, 0], [4, -4, 0], [4, 4, 0], [-4, 4, 0]], np.float32)
-    scene.add_triangles(o3d.core.Tensor(floor), o3d.core.Tensor(np.array([[0, 1, 2], [0, 2, 3]], np.uint32)))
-    centre = np.mean([state.T_world_object.translation() for state in states], axis=0)
-    T = look_at(centre + [2.2 * np.cos(azimuth), 2.2 * np.sin(azimuth), 1.0], centre)
+    ground = floor * np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], np.float32)
+    scene.add_triangles(o3d.core.Tensor(ground), o3d.core.Tensor(np.array([[0, 1, 2], [0, 2, 3]], np.uint32)))
     v, u = np.mgrid[: INTRINSICS.height, : INTRINSICS.width]
     directions = INTRINSICS.backproject(u.ravel(), v.ravel()) @ T[:3, :3].T
     rays = np.concatenate([np.broadcast_to(T[:3, 3], directions.shape), directions], axis=1).astype(

@@ -1,0 +1,1 @@
+"""Why a graph cannot be solved, and where its cost is."""
