@@ -1,0 +1,1 @@
+"""Maps that grow frame by frame."""

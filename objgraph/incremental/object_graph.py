@@ -1,0 +1,336 @@
+"""Frames in, a map out, one frame after the other: objects and cameras in one incremental smoother."""
+
+import logging
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import gtsam
+import numpy as np
+from gtsam.symbol_shorthand import X
+from jaxtyping import Float
+
+from factors.state import ObjectKeys, ObjectState
+from objgraph.association import Detection, MappedCandidate, associate, duplicates
+from objgraph.covariance import ObjectCovariance
+from objgraph.errors import ObjectGraphError, ObservationError
+from objgraph.graph import ObjectGraph
+from objgraph.incremental.config import IncrementalConfig, Tolerance
+from objgraph.incremental.motion import Motion, anchored, moved, relative_covariance
+from objgraph.incremental.pending import PendingObject, first_estimate
+from objgraph.incremental.system import IncrementalSystem
+from objgraph.incremental.tracked import TrackedObject
+from objgraph.observation import Frame, Instance
+from objgraph.prior.prior import ShapePrior
+from objgraph.prior.registry import prior_for
+from objgraph.sampling import ObjectView, observe
+
+_LOG = logging.getLogger(__name__)
+_NEARBY = 4.0
+"""Metres between a detection's points and an object's centre beyond which they are never compared."""
+_CLOSED_LOOP = 0.03
+"""Metres by which a frame moves its camera where more of the map may have moved than what the frame saw."""
+
+
+@dataclass(frozen=True)
+class FrameReport:
+    """What one update did."""
+
+    frame: str
+    camera: int
+    """The camera's key."""
+    seen: tuple[str, ...]
+    """Objects of the map that the frame observed."""
+    entered: tuple[str, ...]
+    """Objects that entered the map with this frame."""
+    pending: tuple[str, ...]
+    """Objects that wait for more views."""
+    reasons: tuple[str, ...]
+    """One line for each decision, and for whatever could not be used."""
+
+
+class IncrementalObjectGraph:
+    """A map of objects and cameras that grows by `update`.
+
+    Each observation enters ISAM2 as the quadratic of its two factors, so that the smoother never calls back into
+    Python; it is linearised anew, and replaced, once the object has moved in the camera's frame, or its scale or code
+    has changed. Before that the frame's camera and objects are solved against the map's own marginal: far starts
+    never reach the smoother. Objects enter once they have been seen from two directions.
+    """
+
+    def __init__(
+        self,
+        up_world: Float[np.ndarray, "3"],
+        *,
+        floor: float | None = None,
+        config: IncrementalConfig | None = None,
+        find_prior: Callable[[str], ShapePrior] = prior_for,
+    ) -> None:
+        """`up_world` is the unit vector against gravity in the first frame's world, `floor` the floor's height along it."""
+        self.config = config or IncrementalConfig()
+        self.system = IncrementalSystem(self.config, np.asarray(up_world, float), floor)
+        self._find_prior = find_prior
+        self._pending: list[PendingObject] = []
+        self._odometry: gtsam.Pose3 | None = None
+        self._centres: dict[str, Float[np.ndarray, 3]] = {}
+        self._started = 0
+        self._turn = 0
+
+    @property
+    def objects(self) -> list[TrackedObject]:
+        """The objects of the map."""
+        return self.system.objects
+
+    @property
+    def cameras(self) -> dict[int, str]:
+        """Keys of the cameras, oldest first, and the names of their frames."""
+        return self.system.cameras
+
+    @property
+    def next_camera(self) -> int:
+        """The key that the next frame's camera will have."""
+        return X(len(self.cameras))
+
+    @property
+    def pending(self) -> tuple[str, ...]:
+        """Objects that were seen but not yet often enough."""
+        return tuple(entry.name for entry in self._pending)
+
+    def update(
+        self,
+        frame: Frame,
+        detections: Sequence[Instance],
+        *,
+        factors: Sequence[gtsam.NonlinearFactor] = (),
+        values: gtsam.Values | None = None,
+    ) -> FrameReport:
+        """Take in one frame and what its masks show.
+
+        The frame's pose is the odometry's: the motion since the last frame is what is used of it, and where the first
+        one stands the map begins. `detections` name the frame's masks; an id means nothing beyond its frame. `factors`
+        and `values` are further ones of the caller's own, which may be on the camera's key, `next_camera`.
+
+        Raises:
+            ObservationError: the frame's pose is no rigid motion.
+            SolveError: the update cannot be solved, for instance because a variable of the caller's is not
+                determined. Either way the map is as it was before.
+        """
+        camera = self.next_camera
+        motion = self._motion(frame)
+        views, reasons = self._views(frame, detections, motion.predicted)
+        known = [*self._near(views), *self._pending]
+        found = associate(
+            [Detection(view, prior.category) for view, prior in views],
+            [self._candidate(entry, motion) for entry in known],
+            self.config.association,
+            motion.predicted,
+        )
+        reasons += [entry.reason for entry in (*found.matches, *found.new, *found.dropped)]
+        matched = [(known[m.object], views[m.detection][0]) for m in found.matches]
+        seen = [(entry, view) for entry, view in matched if isinstance(entry, TrackedObject)]
+        self._take_in(frame, camera, motion, seen, factors, values)
+
+        self._odometry = motion.odometry
+        jump = motion.predicted.localCoordinates(self.pose(camera))[3:]
+        self._keep_current([entry for entry, _ in seen], everything=bool(np.linalg.norm(jump) > _CLOSED_LOOP))
+        for entry, view in matched:
+            if isinstance(entry, PendingObject):
+                entry.see(camera, view, len(self.cameras) - 1)
+        for new in found.new:
+            reasons += self._begin(*views[new.detection], camera)
+        entered, why = self._admit()
+        names = tuple(entry.name for entry, _ in seen)
+        return FrameReport(frame.name, camera, names, tuple(entered), self.pending, (*reasons, *why))
+
+    def optimize(self, rounds: int = 10, strictness: float = 10.0) -> None:
+        """Linearise the whole map anew until nothing changes: what a batch optimisation would give.
+
+        Observations are renewed after a `strictness`-th of the changes that `update` lets pass.
+        """
+        limits = vars(self.config.tolerance)
+        tight = Tolerance(**{name: value / strictness for name, value in limits.items()})
+        for _ in range(rounds):
+            renewed = self.system.renew(self.objects, tight)
+            self.system.commit()
+            if not renewed:
+                break
+        self._note_centres(self.objects)
+
+    def batch(self) -> ObjectGraph:
+        """The map as one nonlinear graph of its own, at the current estimate: to be optimised as a whole, or saved."""
+        return self.system.batch()
+
+    def state(self, entry: TrackedObject) -> ObjectState:
+        """The object's current estimate."""
+        return self.system.state(entry)
+
+    def pose(self, camera: int) -> gtsam.Pose3:
+        """T_world_camera as it is estimated now; `camera` is its key."""
+        return self.system.pose(camera)
+
+    def marginals(self, entry: TrackedObject) -> ObjectCovariance:
+        """The object's joint covariance of pose, log-scale and code."""
+        return ObjectCovariance.of(self.joint_marginals(entry), "marginals")
+
+    def joint_marginals(self, entry: TrackedObject, others: Sequence[int] = ()) -> Float[np.ndarray, "d d"]:
+        """Joint covariance of the object's pose, log-scale and code and then of `others`, keys such as cameras'."""
+        return self.system.smoother.covariance([*entry.keys, *others])
+
+    def _motion(self, frame: Frame) -> Motion:
+        odometry = _rigid(frame)
+        if self._odometry is None:
+            return anchored(self.next_camera, odometry, self.config)
+        previous = X(len(self.cameras) - 1)
+        noise = self.config.odometry
+        return moved(previous, self.next_camera, self.pose(previous), self._odometry, odometry, noise)
+
+    def _views(
+        self, frame: Frame, detections: Sequence[Instance], T_world_camera: gtsam.Pose3
+    ) -> tuple[list[tuple[ObjectView, ShapePrior]], list[str]]:
+        views, reasons = [], []
+        for detection in detections:
+            try:
+                seed = self.config.seed + len(self.cameras)
+                view = observe(frame, detection.id, self.config.sampling, seed)
+                views.append((view.at(T_world_camera), self._find_prior(detection.category)))
+            except ObjectGraphError as error:
+                reasons.append(str(error))
+                _LOG.info("a detection is left out: %s", error)
+        return views, reasons
+
+    def _near(self, views: Sequence[tuple[ObjectView, ShapePrior]]) -> list[TrackedObject]:
+        """Objects that a frame's detections may be of, by where they were last seen to be."""
+        if not views or not self.objects:
+            return []
+        centres = np.array([self._centres[entry.name] for entry in self.objects])
+        seen = np.array([view.points_world.mean(axis=0) for view, _ in views])
+        distance = np.linalg.norm(centres[:, None] - seen, axis=2).min(axis=1)
+        return [self.objects[i] for i in np.flatnonzero(distance < _NEARBY)]
+
+    def _candidate(self, entry: TrackedObject | PendingObject, motion: Motion) -> MappedCandidate:
+        if isinstance(entry, TrackedObject):
+            return entry.candidate(
+                self.state(entry), lambda: motion.with_camera(self.joint_marginals(entry, motion.known))
+            )
+        first = entry.views[0][0]
+        between = self.system.smoother.covariance(list(dict.fromkeys([first, *motion.known])))
+        return entry.candidate(relative_covariance(between, self.pose(first), motion))
+
+    def _take_in(
+        self,
+        frame: Frame,
+        camera: int,
+        motion: Motion,
+        seen: Sequence[tuple[TrackedObject, ObjectView]],
+        factors: Sequence[gtsam.NonlinearFactor],
+        values: gtsam.Values | None,
+    ) -> None:
+        """Solve the camera and the objects that it sees against the map, then enter them into it."""
+        system = self.system
+        observations = [(entry, system.observations(entry, [(camera, view)])[0]) for entry, view in seen]
+        at = gtsam.Values()
+        at.insert(camera, motion.predicted)
+        if seen:
+            entries, new = [entry for entry, _ in seen], [observation for _, observation in observations]
+            at = system.solved(entries, motion.known, new, at, [motion.factor])
+        added = gtsam.Values() if values is None else gtsam.Values(values)
+        added.insert(camera, at.atPose3(camera))
+        system.add_frame(camera, frame.name, [motion.factor, *factors], added, observations, at)
+
+    def _keep_current(self, seen: Sequence[TrackedObject], everything: bool) -> None:
+        """Renew what the frame has made stale, and look at one other object in turn."""
+        others = [self.objects[self._turn % len(self.objects)]] if self.objects else []
+        self._turn += 1
+        due = list({entry.name: entry for entry in (*seen, *others)}.values())
+        for entry in seen:
+            if entry.is_due:
+                self.system.resolve(entry)
+        self.system.renew(due, self.config.tolerance, self.config.refreshes)
+        self._note_centres(self.objects if everything else due)
+
+    def _note_centres(self, entries: Sequence[TrackedObject]) -> None:
+        for entry in entries:
+            self._centres[entry.name] = self.pose(entry.keys.pose).translation().copy()
+
+    def _begin(self, view: ObjectView, prior: ShapePrior, camera: int) -> list[str]:
+        """Start an object that waits for more views; why not, if it cannot be."""
+        index, number = self._started, len(self.cameras) - 1
+        name = f"{prior.category} {index}"
+        placed = view.at(self.pose(camera))
+        system = self.system
+        try:
+            estimate = first_estimate(name, prior, [placed], system.up_world, system.floor, self.config)
+        except ObjectGraphError as error:
+            return [f"{name} is not started: {error}"]
+        self._started += 1
+        self._pending.append(PendingObject(index, name, prior, estimate, number, [(camera, view)]))
+        return []
+
+    def _admit(self) -> tuple[list[str], list[str]]:
+        """Let in the pending objects that are ripe, give up those not seen for long: names, and reasons."""
+        entered, reasons, waiting = [], [], []
+        for entry in self._pending:
+            entry.views = [(key, view) for key, view in entry.views if self.system.smoother.has(key)]
+            cameras = {key: self.pose(key) for key, _ in entry.views}
+            if entry.views and entry.is_ripe(cameras, self.config):
+                try:
+                    reasons += self._enter(entry, cameras)
+                    entered += [entry.name] if entry.name in self._centres else []
+                except ObjectGraphError as error:
+                    reasons.append(f"{entry.name} does not enter: {error}")
+            elif not entry.views or len(self.cameras) - entry.last_seen > self.config.patience:
+                reasons.append(f"{entry.name} is given up: not seen again for {self.config.patience} frames")
+            else:
+                waiting.append(entry)
+        self._pending = waiting
+        return entered, reasons
+
+    def _enter(self, pending: PendingObject, cameras: dict[int, gtsam.Pose3]) -> list[str]:
+        """Solve a ripe object alone, then enter it, or its views where it is one that the map has already."""
+        system = self.system
+        views = [view.at(cameras[key]) for key, view in pending.views]
+        if len(views) > 1:
+            pending.estimate = first_estimate(
+                pending.name, pending.prior, views, system.up_world, system.floor, self.config,
+                pending.estimate.state,
+            )  # fmt: skip
+        near = self._near([(view, pending.prior) for view in views])
+        doubles = duplicates(
+            [pending.candidate(), *(self._alone(entry) for entry in near)], self.config.association
+        )
+        for merge in doubles:
+            if 0 in (merge.keep, merge.drop):
+                system.adopt(near[max(merge.keep, merge.drop) - 1], pending.views)
+                return [merge.reason]
+        entry = TrackedObject(pending.name, ObjectKeys.numbered(pending.index), pending.prior)
+        system.add_object(entry, pending.estimate.state, pending.views)
+        self._note_centres([entry])
+        return self._merge([entry, *near])
+
+    def _merge(self, entries: Sequence[TrackedObject]) -> list[str]:
+        """Where the map has one thing twice, give its views to the one that is better known."""
+        reasons = []
+        for merge in duplicates([self._alone(entry) for entry in entries], self.config.association):
+            keep, drop = entries[merge.keep], entries[merge.drop]
+            placed = [
+                (o.camera, o.view) for o in drop.observations if o.camera is not None and o.view is not None
+            ]
+            self.system.adopt(keep, placed, instead_of=drop)
+            del self._centres[drop.name]
+            reasons.append(merge.reason)
+        return reasons
+
+    def _alone(self, entry: TrackedObject) -> MappedCandidate:
+        return entry.candidate(self.state(entry), lambda: self.joint_marginals(entry))
+
+
+def _rigid(frame: Frame) -> gtsam.Pose3:
+    T = np.asarray(frame.T_world_camera, float)
+    if (
+        T.shape != (4, 4)
+        or not np.isfinite(T).all()
+        or np.abs(T[:3, :3] @ T[:3, :3].T - np.eye(3)).max() > 1e-2
+    ):
+        raise ObservationError(
+            f"frame {frame.name}: the odometry's pose is no rigid motion; leave the frame out"
+        )
+    return gtsam.Pose3(gtsam.Rot3.ClosestTo(T[:3, :3]), T[:3, 3])

@@ -1,0 +1,252 @@
+"""The incremental map itself: cameras and tracked objects in one smoother, and how they enter, are renewed and merge."""
+
+from collections.abc import Iterable, Sequence
+
+import gtsam
+import numpy as np
+from gtsam.symbol_shorthand import X
+from jaxtyping import Float
+
+from factors.state import ObjectState
+from objgraph.errors import SolveError
+from objgraph.graph import ObjectGraph
+from objgraph.incremental.config import IncrementalConfig, Tolerance
+from objgraph.incremental.smoother import Smoother
+from objgraph.incremental.tracked import Observation, TrackedObject, linearize
+from objgraph.object_factors import floor_factor, state_priors, view_factors
+from objgraph.sampling import ObjectView
+from objgraph.single_object import single_object
+from objgraph.solve import Problem, solve
+
+_RESOLVED = 12
+"""Views at most with which an object is solved again."""
+
+Placed = tuple[int, ObjectView]
+"""A camera's key, and a view from there."""
+
+
+class IncrementalSystem:
+    """Each observation is in the smoother as the quadratic of its two factors about a linearisation point."""
+
+    def __init__(
+        self, config: IncrementalConfig, up_world: Float[np.ndarray, "3"], floor: float | None
+    ) -> None:
+        self.config, self.up_world, self.floor = config, up_world, floor
+        self.smoother = Smoother(config.lag)
+        self.objects: list[TrackedObject] = []
+        self.cameras: dict[int, str] = {}
+        """Keys, oldest first, and the names of their frames."""
+        self._others: list[gtsam.NonlinearFactor] = []
+
+    @property
+    def slope(self) -> float:
+        """Occupancy slope at which observations are linearised, 1/metres."""
+        return self.config.tracking.slopes[-1]
+
+    def pose(self, key: int) -> gtsam.Pose3:
+        return self.smoother.pose(key)
+
+    def state(self, entry: TrackedObject) -> ObjectState:
+        keys, smoother = entry.keys, self.smoother
+        return ObjectState(
+            smoother.pose(keys.pose), smoother.vector(keys.log_scale), smoother.vector(keys.code)
+        )
+
+    def observations(self, entry: TrackedObject, placed: Iterable[Placed]) -> list[Observation]:
+        """New observations of an object, not yet in the smoother."""
+        graph = self.config.graph
+        return [
+            Observation(view_factors(entry.prior, entry.keys, view, camera, graph), view)
+            for camera, view in placed
+        ]
+
+    def solved(
+        self,
+        entries: Sequence[TrackedObject],
+        cameras: Sequence[int],
+        observations: Sequence[Observation],
+        values: gtsam.Values,
+        factors: Sequence[gtsam.NonlinearFactor] = (),
+    ) -> gtsam.Values:
+        """Objects and cameras by what the map says of them and by observations that it does not hold yet.
+
+        `values` has the variables that are not in the map, `factors` what is known of those. Raises SolveError.
+        """
+        keys = [*cameras, *(key for entry in entries for key in entry.keys)]
+        graph, start = gtsam.NonlinearFactorGraph(), gtsam.Values(values)
+        for factor in (*self.smoother.marginal_factors(keys), *factors):
+            graph.push_back(factor)
+        own = [factor for observation in observations for factor in observation.factors]
+        for factor in own:
+            graph.push_back(factor.gtsam_factor())
+        start.insert(self.estimates(entries, cameras))
+        name = ", ".join(entry.name for entry in entries)
+        problem = Problem(name, graph, start, own)
+        solve([problem], self.config.tracking)
+        if problem.failure is not None:
+            raise SolveError(f"{name}: {problem.failure}")
+        return problem.values
+
+    def add_frame(
+        self,
+        camera: int,
+        name: str,
+        factors: Sequence[gtsam.NonlinearFactor],
+        values: gtsam.Values,
+        seen: Sequence[tuple[TrackedObject, Observation]],
+        at: gtsam.Values,
+    ) -> None:
+        """A camera, the plain factors and variables that come with it, and its observations, linearised at `at`.
+
+        Raises:
+            SolveError: nothing has been changed.
+        """
+        observations = [observation for _, observation in seen]
+        quadratics = linearize(observations, at, self.slope)
+        numbers = self.commit([*factors, *quadratics], values, newest=camera)
+        self.cameras[camera] = name
+        self._others += factors
+        _entered(observations, numbers[len(factors) :], at)
+        for entry, observation in seen:
+            entry.observations.append(observation)
+
+    def add_object(self, entry: TrackedObject, state: ObjectState, placed: Sequence[Placed]) -> None:
+        """An object at `state` with its priors and its views, from cameras of the map.
+
+        Raises:
+            SolveError: nothing has been changed.
+        """
+        observations = self.observations(entry, placed)
+        if self.floor is not None:
+            views = [view.at(self.pose(camera)) for camera, view in placed]
+            floor = floor_factor(entry.prior, entry.keys, views, self.up_world, self.floor, self.config.graph)
+            observations.append(Observation([floor], None))
+        values = gtsam.Values()
+        state.insert(values, entry.keys)
+        at = gtsam.Values(values)
+        at.insert(self.estimates([], [camera for camera, _ in placed]))
+        priors = state_priors(entry.prior, entry.keys, self.config.graph, self.up_world)
+        numbers = self.commit([*priors, *linearize(observations, at, self.slope)], values)
+        entry.numbers = numbers[: len(priors)]
+        _entered(observations, numbers[len(priors) :], at)
+        entry.observations = observations
+        self.objects.append(entry)
+
+    def adopt(
+        self, entry: TrackedObject, placed: Sequence[Placed], instead_of: TrackedObject | None = None
+    ) -> None:
+        """Views that turn out to be of this object; with `instead_of`, another one leaves the map for it.
+
+        Raises:
+            SolveError: nothing has been changed.
+        """
+        observations = self.observations(entry, placed)
+        cameras = sorted({camera for camera, _ in placed})
+        at = self.solved([entry], cameras, observations, gtsam.Values())
+        gone = (
+            [] if instead_of is None else [*instead_of.numbers, *(o.number for o in instead_of.observations)]
+        )
+        remove = [number for number in gone if self.smoother.holds(number)]
+        numbers = self.commit(linearize(observations, at, self.slope), remove=remove)
+        _entered(observations, numbers, at)
+        entry.observations += observations
+        if instead_of is not None:
+            self.objects.remove(instead_of)
+
+    def renew(self, entries: Sequence[TrackedObject], tolerance: Tolerance, limit: int | None = None) -> int:
+        """Linearise anew the observations that are farthest from where they were linearised; how many they were."""
+        stale: list[tuple[float, TrackedObject, Observation]] = []
+        for entry in entries:
+            entry.observations = [o for o in entry.observations if self.smoother.holds(o.number)]
+            values = self._around(entry, entry.observations)
+            stale += [(entry.departure(o, values, tolerance), entry, o) for o in entry.observations]
+        stale = sorted((each for each in stale if each[0] > 1), key=lambda each: -each[0])[:limit]
+        if not stale:
+            return 0
+        observations = [observation for *_, observation in stale]
+        owners = {entry.name: entry for _, entry, _ in stale}
+        values = self.estimates(list(owners.values()), _cameras(observations))
+        quadratics = linearize(observations, values, self.slope)
+        numbers = self.commit(quadratics, remove=[observation.number for observation in observations])
+        _entered(observations, numbers, values)
+        return len(stale)
+
+    def resolve(self, entry: TrackedObject) -> None:
+        """Solve the object alone, nonlinearly, against cameras as they are, and linearise all its observations there.
+
+        Mends what was settled by few views; costs some linearisations of every view, so it is for now and then.
+        Raises SolveError, and has then changed nothing.
+        """
+        placed = [
+            (o.camera, o.view) for o in entry.observations if o.camera is not None and o.view is not None
+        ]
+        some = np.unique(np.linspace(0, len(placed) - 1, min(len(placed), _RESOLVED)).astype(int))
+        views = [placed[i][1].at(self.pose(placed[i][0])) for i in some]
+        single = single_object(
+            entry.prior, self.state(entry), views, self.up_world, self.floor, self.config.graph
+        )
+        solve([single.problem], self.config.tracking)
+        if single.problem.failure is not None:
+            raise SolveError(f"{entry.name}: {single.problem.failure}")
+        values = self.estimates([], _cameras(entry.observations))
+        single.state.insert(values, entry.keys)
+        quadratics = linearize(entry.observations, values, self.slope)
+        numbers = self.commit(quadratics, remove=[o.number for o in entry.observations])
+        _entered(entry.observations, numbers, values)
+
+    def commit(
+        self,
+        factors: Sequence[gtsam.NonlinearFactor] = (),
+        values: gtsam.Values | None = None,
+        newest: int | None = None,
+        remove: Sequence[int] = (),
+    ) -> list[int]:
+        """One step of the smoother; with a lag, objects and whatever is new live on.
+
+        Raises:
+            SolveError: nothing has been changed.
+        """
+        times = {}
+        if self.config.lag is not None:
+            now = float(len(self.cameras))
+            times = {key: now for entry in self.objects for key in entry.keys}
+            times |= {} if values is None else dict.fromkeys(values.keys(), now)
+        if newest is None and self.cameras:
+            newest = X(len(self.cameras) - 1)
+        return self.smoother.update(factors, values, remove=remove, newest=newest, times=times)
+
+    def estimates(self, entries: Sequence[TrackedObject], cameras: Iterable[int]) -> gtsam.Values:
+        """Where these objects and cameras are now."""
+        values = gtsam.Values()
+        for camera in cameras:
+            values.insert(camera, self.pose(camera))
+        for entry in entries:
+            self.state(entry).insert(values, entry.keys)
+        return values
+
+    def batch(self) -> ObjectGraph:
+        """The map as one nonlinear graph of its own, at the current estimate."""
+        graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
+        for factor in self._others:
+            graph.push_back(factor)
+        keys = set().union(*(factor.keys() for factor in self._others))
+        values.insert(self.smoother.estimate().extract(gtsam.KeyVector(sorted(keys))))
+        objects = ObjectGraph(graph, values, self.config.graph, up_world=self.up_world)
+        for entry in self.objects:
+            handle = objects.add_object(entry.prior, self.state(entry), keys=entry.keys, name=entry.name)
+            for observation in entry.observations:
+                objects.add_factors(handle, observation.factors)
+        return objects
+
+    def _around(self, entry: TrackedObject, observations: Sequence[Observation]) -> gtsam.Values:
+        return self.estimates([entry], _cameras(observations))
+
+
+def _cameras(observations: Sequence[Observation]) -> list[int]:
+    return sorted({o.camera for o in observations if o.camera is not None})
+
+
+def _entered(observations: Sequence[Observation], numbers: Sequence[int], at: gtsam.Values) -> None:
+    for observation, number in zip(observations, numbers, strict=True):
+        observation.number = number
+        observation.point = at.extract(gtsam.KeyVector(observation.keys))

@@ -1,0 +1,98 @@
+"""An object of the incremental map: its variables, what it was seen in, and when that must be linearised anew."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+import gtsam
+import numpy as np
+from jaxtyping import Float
+
+from factors.base import Annealing, ObservationFactor
+from factors.batch import prefetch
+from factors.linearized import linearized
+from factors.state import ObjectKeys, ObjectState
+from objgraph.association import MappedCandidate
+from objgraph.incremental.config import Tolerance
+from objgraph.prior.prior import ShapePrior
+from objgraph.sampling import ObjectView
+
+
+@dataclass
+class Observation:
+    """The factors of one view (or of the floor) on one object, and their quadratic in the smoother."""
+
+    factors: list[ObservationFactor]
+    view: ObjectView | None
+    """None for the floor."""
+    point: gtsam.Values = field(default_factory=gtsam.Values)
+    """Where they were linearised."""
+    number: int = -1
+    """Of the quadratic among the smoother's factors."""
+
+    @property
+    def keys(self) -> list[int]:
+        return self.factors[0].keys
+
+    @property
+    def camera(self) -> int | None:
+        """The camera's key; None where it is not a variable."""
+        camera = self.factors[0].camera
+        return camera if isinstance(camera, int) else None
+
+
+@dataclass
+class TrackedObject:
+    """One object of the map."""
+
+    name: str
+    keys: ObjectKeys
+    prior: ShapePrior
+    observations: list[Observation] = field(default_factory=list)
+    numbers: list[int] = field(default_factory=list)
+    """Its priors' numbers among the smoother's factors."""
+
+    @property
+    def is_due(self) -> bool:
+        """Whether it is to be solved again as a whole: each time the number of its views has doubled."""
+        views = sum(observation.view is not None for observation in self.observations)
+        return views >= 3 and (views - 1) & (views - 2) == 0
+
+    def candidate(
+        self, state: ObjectState, covariance: Callable[[], Float[np.ndarray, "d d"]]
+    ) -> MappedCandidate:
+        """What association needs; the covariance is that of the object and the camera together."""
+        prior = self.prior
+        return MappedCandidate(
+            self.name, prior.category, prior.decoder, state, covariance, prior.residual_sigma
+        )
+
+    def departure(self, observation: Observation, values: gtsam.Values, tolerance: Tolerance) -> float:
+        """How far an observation is from where it was linearised; more than 1 is too far."""
+        factor = observation.factors[0]
+        now, then = (_relative(factor, at) for at in (values, observation.point))
+        motion = gtsam.Pose3.Logmap(then[0].between(now[0]))
+        code_sigma = np.sqrt(np.diag(self.prior.code_covariance))
+        changes = (
+            np.linalg.norm(motion[:3]) / tolerance.rotation,
+            np.linalg.norm(motion[3:]) / tolerance.translation,
+            np.abs(now[1].log_scale - then[1].log_scale).max() / tolerance.log_scale,
+            np.sqrt(np.mean(np.square((now[1].code - then[1].code) / code_sigma))) / tolerance.code,
+        )
+        return float(max(changes))
+
+
+def linearize(
+    observations: Sequence[Observation], values: gtsam.Values, slope: float
+) -> list[gtsam.LinearContainerFactor]:
+    """Freeze the observations at `values` and make their quadratics there; all decode together."""
+    factors = [factor for observation in observations for factor in observation.factors]
+    for factor in factors:
+        factor.refresh(values, Annealing(slope))
+    prefetch(factors, values, jacobian=True)
+    return [linearized(observation.factors, values) for observation in observations]
+
+
+def _relative(factor: ObservationFactor, values: gtsam.Values) -> tuple[gtsam.Pose3, ObjectState]:
+    """The object's pose in the camera's frame, and its state."""
+    state = factor.state(values)
+    return factor.T_world_camera(values).between(state.T_world_object), state
