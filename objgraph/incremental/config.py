@@ -2,38 +2,12 @@
 
 from dataclasses import dataclass, field
 
-import gtsam
-import numpy as np
-
 from objgraph.association import AssociationConfig
 from objgraph.initialise import InitialisationConfig
 from objgraph.object_factors import GraphConfig
+from objgraph.odometry import OdometryNoise
 from objgraph.sampling import SamplingConfig
 from objgraph.solve import LevenbergMarquardtConfig, SolverConfig
-
-
-@dataclass(frozen=True)
-class OdometryNoise:
-    """How far off the motion between two frames may be, standard deviations about and along each axis."""
-
-    translation: float = 0.02
-    """Share of the distance moved."""
-    rotation: float = np.radians(1.0)
-    """Radians a metre moved."""
-    turning: float = 0.02
-    """Share of the angle turned."""
-    least_translation: float = 0.002
-    """Metres, of a camera that stands still."""
-    least_rotation: float = 0.001
-    """Radians, of a camera that stands still."""
-
-    def model(self, T_previous_current: gtsam.Pose3) -> gtsam.noiseModel.Base:
-        """The noise of one motion, in the current camera's frame."""
-        distance = float(np.linalg.norm(T_previous_current.translation()))
-        angle = float(np.linalg.norm(gtsam.Rot3.Logmap(T_previous_current.rotation())))
-        rotation = np.linalg.norm([self.rotation * distance, self.turning * angle, self.least_rotation])
-        translation = np.hypot(self.translation * distance, self.least_translation)
-        return gtsam.noiseModel.Diagonal.Sigmas(np.repeat([rotation, translation], 3))
 
 
 @dataclass(frozen=True)

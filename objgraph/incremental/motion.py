@@ -6,7 +6,8 @@ import gtsam
 import numpy as np
 from jaxtyping import Float
 
-from objgraph.incremental.config import IncrementalConfig, OdometryNoise
+from objgraph.incremental.config import IncrementalConfig
+from objgraph.odometry import OdometryNoise
 
 
 @dataclass(frozen=True)

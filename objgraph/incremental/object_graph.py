@@ -311,10 +311,7 @@ class IncrementalObjectGraph:
         reasons = []
         for merge in duplicates([self._alone(entry) for entry in entries], self.config.association):
             keep, drop = entries[merge.keep], entries[merge.drop]
-            placed = [
-                (o.camera, o.view) for o in drop.observations if o.camera is not None and o.view is not None
-            ]
-            self.system.adopt(keep, placed, instead_of=drop)
+            self.system.adopt(keep, drop.placed_views, instead_of=drop)
             del self._centres[drop.name]
             reasons.append(merge.reason)
         return reasons

@@ -7,6 +7,7 @@ import numpy as np
 from gtsam.symbol_shorthand import X
 from jaxtyping import Float
 
+from factors.linearized import carried_along
 from factors.state import ObjectState
 from objgraph.errors import SolveError
 from objgraph.graph import ObjectGraph
@@ -106,7 +107,7 @@ class IncrementalSystem:
         numbers = self.commit([*factors, *quadratics], values, newest=camera)
         self.cameras[camera] = name
         self._others += factors
-        _entered(observations, numbers[len(factors) :], at)
+        _entered(observations, quadratics, numbers[len(factors) :], at)
         for entry, observation in seen:
             entry.observations.append(observation)
 
@@ -126,9 +127,10 @@ class IncrementalSystem:
         at = gtsam.Values(values)
         at.insert(self.estimates([], [camera for camera, _ in placed]))
         priors = state_priors(entry.prior, entry.keys, self.config.graph, self.up_world)
-        numbers = self.commit([*priors, *linearize(observations, at, self.slope)], values)
+        quadratics = linearize(observations, at, self.slope)
+        numbers = self.commit([*priors, *quadratics], values)
         entry.numbers = numbers[: len(priors)]
-        _entered(observations, numbers[len(priors) :], at)
+        _entered(observations, quadratics, numbers[len(priors) :], at)
         entry.observations = observations
         self.objects.append(entry)
 
@@ -147,28 +149,36 @@ class IncrementalSystem:
             [] if instead_of is None else [*instead_of.numbers, *(o.number for o in instead_of.observations)]
         )
         remove = [number for number in gone if self.smoother.holds(number)]
-        numbers = self.commit(linearize(observations, at, self.slope), remove=remove)
-        _entered(observations, numbers, at)
+        quadratics = linearize(observations, at, self.slope)
+        _entered(observations, quadratics, self.commit(quadratics, remove=remove), at)
         entry.observations += observations
         if instead_of is not None:
             self.objects.remove(instead_of)
 
     def renew(self, entries: Sequence[TrackedObject], tolerance: Tolerance, limit: int | None = None) -> int:
-        """Linearise anew the observations that are farthest from where they were linearised; how many they were."""
+        """Linearise anew the observations that are farthest from where they were linearised; how many they were.
+
+        Those that only went along with a loop that was closed are carried along, without decoding.
+        """
         stale: list[tuple[float, TrackedObject, Observation]] = []
+        travelled: list[tuple[Observation, gtsam.Values]] = []
         for entry in entries:
-            entry.observations = [o for o in entry.observations if self.smoother.holds(o.number)]
-            values = self._around(entry, entry.observations)
-            stale += [(entry.departure(o, values, tolerance), entry, o) for o in entry.observations]
-        stale = sorted((each for each in stale if each[0] > 1), key=lambda each: -each[0])[:limit]
+            self._prune(entry)
+            values = self.estimates([entry], _cameras(entry.observations))
+            for observation in entry.observations:
+                departure = entry.departure(observation, values, tolerance)
+                if departure > 1:
+                    stale.append((departure, entry, observation))
+                elif entry.has_travelled(observation, values):
+                    travelled.append((observation, values))
+        self._carry_along(travelled)
+        stale = sorted(stale, key=lambda each: -each[0])[:limit]
         if not stale:
             return 0
         observations = [observation for *_, observation in stale]
         owners = {entry.name: entry for _, entry, _ in stale}
         values = self.estimates(list(owners.values()), _cameras(observations))
-        quadratics = linearize(observations, values, self.slope)
-        numbers = self.commit(quadratics, remove=[observation.number for observation in observations])
-        _entered(observations, numbers, values)
+        self._replace(observations, linearize(observations, values, self.slope), values)
         return len(stale)
 
     def resolve(self, entry: TrackedObject) -> None:
@@ -177,9 +187,8 @@ class IncrementalSystem:
         Mends what was settled by few views; costs some linearisations of every view, so it is for now and then.
         Raises SolveError, and has then changed nothing.
         """
-        placed = [
-            (o.camera, o.view) for o in entry.observations if o.camera is not None and o.view is not None
-        ]
+        self._prune(entry)
+        placed = entry.placed_views
         some = np.unique(np.linspace(0, len(placed) - 1, min(len(placed), _RESOLVED)).astype(int))
         views = [placed[i][1].at(self.pose(placed[i][0])) for i in some]
         single = single_object(
@@ -190,9 +199,7 @@ class IncrementalSystem:
             raise SolveError(f"{entry.name}: {single.problem.failure}")
         values = self.estimates([], _cameras(entry.observations))
         single.state.insert(values, entry.keys)
-        quadratics = linearize(entry.observations, values, self.slope)
-        numbers = self.commit(quadratics, remove=[o.number for o in entry.observations])
-        _entered(entry.observations, numbers, values)
+        self._replace(entry.observations, linearize(entry.observations, values, self.slope), values)
 
     def commit(
         self,
@@ -208,7 +215,8 @@ class IncrementalSystem:
         """
         times = {}
         if self.config.lag is not None:
-            now = float(len(self.cameras))
+            # a camera that is new is the next frame's; otherwise it is still the last frame's turn
+            now = float(len(self.cameras) - (newest is None))
             times = {key: now for entry in self.objects for key in entry.keys}
             times |= {} if values is None else dict.fromkeys(values.keys(), now)
         if newest is None and self.cameras:
@@ -238,15 +246,44 @@ class IncrementalSystem:
                 objects.add_factors(handle, observation.factors)
         return objects
 
-    def _around(self, entry: TrackedObject, observations: Sequence[Observation]) -> gtsam.Values:
-        return self.estimates([entry], _cameras(observations))
+    def _prune(self, entry: TrackedObject) -> None:
+        """Forget observations whose camera is past the lag: what they said is in the smoother for good."""
+        entry.observations = [o for o in entry.observations if self.smoother.holds(o.number)]
+
+    def _carry_along(self, travelled: Sequence[tuple[Observation, gtsam.Values]]) -> None:
+        if not travelled:
+            return
+        moved = []
+        for observation, values in travelled:
+            pose, camera = observation.keys[0], observation.camera
+            assert observation.quadratic is not None
+            assert camera is not None
+            moved.append(carried_along(observation.quadratic, observation.point, values, pose, camera))
+        observations = [observation for observation, _ in travelled]
+        numbers = self.commit([factor for factor, _ in moved], remove=[o.number for o in observations])
+        for observation, number, (quadratic, point) in zip(observations, numbers, moved, strict=True):
+            observation.number, observation.quadratic, observation.point = number, quadratic, point
+
+    def _replace(
+        self,
+        observations: Sequence[Observation],
+        quadratics: Sequence[gtsam.LinearContainerFactor],
+        values: gtsam.Values,
+    ) -> None:
+        numbers = self.commit(quadratics, remove=[observation.number for observation in observations])
+        _entered(observations, quadratics, numbers, values)
 
 
 def _cameras(observations: Sequence[Observation]) -> list[int]:
     return sorted({o.camera for o in observations if o.camera is not None})
 
 
-def _entered(observations: Sequence[Observation], numbers: Sequence[int], at: gtsam.Values) -> None:
-    for observation, number in zip(observations, numbers, strict=True):
-        observation.number = number
+def _entered(
+    observations: Sequence[Observation],
+    quadratics: Sequence[gtsam.LinearContainerFactor],
+    numbers: Sequence[int],
+    at: gtsam.Values,
+) -> None:
+    for observation, quadratic, number in zip(observations, quadratics, numbers, strict=True):
+        observation.quadratic, observation.number = quadratic, number
         observation.point = at.extract(gtsam.KeyVector(observation.keys))

@@ -16,6 +16,9 @@ from objgraph.incremental.config import Tolerance
 from objgraph.prior.prior import ShapePrior
 from objgraph.sampling import ObjectView
 
+_TRAVELLED = 0.05
+"""Radians or metres of common motion after which a quadratic is carried along: it distorts steps by that share."""
+
 
 @dataclass
 class Observation:
@@ -26,6 +29,7 @@ class Observation:
     """None for the floor."""
     point: gtsam.Values = field(default_factory=gtsam.Values)
     """Where they were linearised."""
+    quadratic: gtsam.LinearContainerFactor | None = None
     number: int = -1
     """Of the quadratic among the smoother's factors."""
 
@@ -52,9 +56,14 @@ class TrackedObject:
     """Its priors' numbers among the smoother's factors."""
 
     @property
+    def placed_views(self) -> list[tuple[int, ObjectView]]:
+        """Its views and the keys of their cameras."""
+        return [(o.camera, o.view) for o in self.observations if o.camera is not None and o.view is not None]
+
+    @property
     def is_due(self) -> bool:
         """Whether it is to be solved again as a whole: each time the number of its views has doubled."""
-        views = sum(observation.view is not None for observation in self.observations)
+        views = len(self.placed_views)
         return views >= 3 and (views - 1) & (views - 2) == 0
 
     def candidate(
@@ -65,6 +74,14 @@ class TrackedObject:
         return MappedCandidate(
             self.name, prior.category, prior.decoder, state, covariance, prior.residual_sigma
         )
+
+    def has_travelled(self, observation: Observation, values: gtsam.Values) -> bool:
+        """Whether camera and object are far from where they were when the observation was linearised."""
+        camera = observation.camera
+        if camera is None:
+            return False
+        motion = gtsam.Pose3.Logmap(observation.point.atPose3(camera).between(values.atPose3(camera)))
+        return bool(np.abs(motion).max() > _TRAVELLED)
 
     def departure(self, observation: Observation, values: gtsam.Values, tolerance: Tolerance) -> float:
         """How far an observation is from where it was linearised; more than 1 is too far."""

@@ -1,0 +1,137 @@
+"""Objects added to somebody's pose graph: drifting odometry, no loop closures but the furniture itself.
+
+    python examples/slam_with_objects.py --out out/slam
+    python examples/slam_with_objects.py --out out/slam --seeds 20
+
+A camera walks twice about a furnished room. The pose graph is plain GTSAM: a prior on the first camera and odometry
+that drifts by 2 % of the distance and 1 degree a metre. Then each object is one more variable of that same graph, seen
+from the camera's keys, and ties the second lap to the first.
+"""
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+
+import gtsam
+import matplotlib.pyplot as plt
+import numpy as np
+import tyro
+from gtsam.symbol_shorthand import X
+from rich.progress import track
+from scipy.stats import chi2
+
+import objgraph
+from objgraph.datasets.registry import load_scan
+from objgraph.errors import ObservationError
+from objgraph.observation import Scan
+from objgraph.odometry import OdometryNoise, dead_reckoning, drifting_motions
+from objgraph.sampling import SamplingConfig
+from objgraph.synthetic.camera import CameraConfig
+from objgraph.synthetic.sample import SampleConfig, ensure_sample
+from objgraph.trajectory import Trajectory, absolute_trajectory_error, write_tum
+
+UP, FLOOR = np.array([0.0, 0.0, 1.0]), 0.0
+FEW = SamplingConfig(
+    points=100, hits=60, free=60
+)  # of every view; the graph counts patches of surface, not pixels
+
+
+@dataclass
+class Arguments:
+    out: Path
+    """Where the picture, the trajectories and metrics.json go."""
+    seeds: int = 1
+    """Draws of the odometry's noise."""
+    frames: int = 40
+    """Of two laps."""
+
+
+def pose_graph(
+    start: gtsam.Pose3, motions: list[gtsam.Pose3], noise: OdometryNoise
+) -> tuple[gtsam.NonlinearFactorGraph, gtsam.Values]:
+    """What a SLAM engineer has already: X(0), X(1), ... and odometry between them."""
+    graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
+    graph.push_back(gtsam.PriorFactorPose3(X(0), start, gtsam.noiseModel.Isotropic.Sigma(6, 1e-4)))
+    for k, motion in enumerate(motions):
+        graph.push_back(gtsam.BetweenFactorPose3(X(k), X(k + 1), motion, noise.model(motion)))
+    for k, pose in enumerate(dead_reckoning(start, motions)):
+        values.insert(X(k), pose)
+    return graph, values
+
+
+def add_objects(scan: Scan, graph: gtsam.NonlinearFactorGraph, values: gtsam.Values) -> objgraph.ObjectGraph:
+    """Each object starts from its best views within a few frames of each other, and is observed in all."""
+    objects = objgraph.ObjectGraph(graph, values, up_world=UP, floor=FLOOR)
+    views = {instance.id: {} for instance in scan.instances}
+    for k in track(range(len(scan.frames)), "looking at frames"):
+        frame = scan.frames[k]
+        for instance in scan.instances:
+            try:
+                view = objgraph.observe(frame, instance.id, FEW, seed=k)
+            except ObservationError:
+                continue  # out of sight, or too little of it
+            views[instance.id][k] = view.at(values.atPose3(X(k)))
+    for instance in track(scan.instances, "adding objects"):
+        seen = views[instance.id]
+        near = [k for k in sorted(seen) if k < min(seen) + 6][::2]
+        handle = objects.add_object(instance.category, [seen[k] for k in near])
+        for k, view in seen.items():
+            objects.observe(handle, view, camera=X(k))
+    return objects
+
+
+def run(scan: Scan, seed: int) -> tuple[dict[str, float], dict[str, Trajectory]]:
+    times = np.arange(len(scan.frames), dtype=float)
+    truth = [gtsam.Pose3(scan.frames[k].T_world_camera) for k in range(len(scan.frames))]
+    noise = OdometryNoise()
+    graph, values = pose_graph(truth[0], drifting_motions(truth, noise, np.random.default_rng(seed)), noise)
+    before = Trajectory(times, np.stack([values.atPose3(X(k)).matrix() for k in range(len(truth))]))
+    objects = add_objects(scan, graph, values)
+    objects.optimize()
+    after = Trajectory(times, np.stack([values.atPose3(X(k)).matrix() for k in range(len(truth))]))
+    true = Trajectory(times, np.stack([pose.matrix() for pose in truth]))
+    marginals = gtsam.Marginals(graph, values)
+    errors = [values.atPose3(X(k)).localCoordinates(pose) for k, pose in enumerate(truth)]
+    squared = [e @ np.linalg.solve(marginals.marginalCovariance(X(k)), e) for k, e in enumerate(errors)][1:]
+    metrics = {
+        "ate_odometry_m": absolute_trajectory_error(before, true),
+        "ate_with_objects_m": absolute_trajectory_error(after, true),
+        "coverage_95": float(np.mean(np.array(squared) < chi2.ppf(0.95, 6))),
+    }
+    return metrics, {"truth": true, "odometry": before, "with_objects": after}
+
+
+def picture(paths: dict[str, Trajectory], metrics: dict[str, float], path: Path) -> None:
+    figure, axis = plt.subplots(figsize=(7, 7))
+    for (name, trajectory), color in zip(paths.items(), ("0.6", "tab:red", "tab:blue"), strict=True):
+        axis.plot(*trajectory.positions[:, :2].T, ".-", color=color, label=name.replace("_", " "))
+    odometry, objects = metrics["ate_odometry_m"], metrics["ate_with_objects_m"]
+    axis.set_title(f"absolute trajectory error: odometry {odometry:.3f} m, with objects {objects:.3f} m")
+    axis.set_aspect("equal")
+    axis.set_xlabel("x, m")
+    axis.set_ylabel("y, m")
+    axis.legend()
+    figure.savefig(path, dpi=110, bbox_inches="tight")
+    plt.close(figure)
+
+
+def main(arguments: Arguments) -> None:
+    config = SampleConfig(camera=CameraConfig(frames=arguments.frames, sweep_rad=4 * np.pi))
+    scan = load_scan("scannet", ensure_sample(Path("out"), config) / "scannet")
+    arguments.out.mkdir(parents=True, exist_ok=True)
+    rows = []
+    for seed in range(arguments.seeds):
+        metrics, paths = run(scan, seed)
+        rows.append(metrics)
+        print(seed, metrics, flush=True)
+        for name, trajectory in paths.items():
+            write_tum(arguments.out / f"{name}_{seed}.txt", trajectory)
+        if seed == 0:
+            picture(paths, metrics, arguments.out / "trajectories.png")
+    means = {name: float(np.mean([row[name] for row in rows])) for name in rows[0]}
+    (arguments.out / "metrics.json").write_text(json.dumps({**means, "seeds": rows}, indent=1) + "\n")
+    print(means)
+
+
+if __name__ == "__main__":
+    main(tyro.cli(Arguments))
