@@ -8,6 +8,7 @@ find. Whatever was decided is printed with its reason.
 
 import json
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -19,7 +20,7 @@ import tyro
 import objgraph
 from objgraph.datasets.registry import load_scan
 from objgraph.mesh import extract_mesh
-from objgraph.observation import Frame, Instance, Scan
+from objgraph.observation import Frame, Instance
 from objgraph.odometry import OdometryNoise, dead_reckoning, drifting_motions
 from objgraph.synthetic.camera import CameraConfig
 from objgraph.synthetic.sample import SampleConfig, ensure_sample
@@ -33,14 +34,20 @@ class Arguments:
     out: Path
     """Where the picture, the trajectories and metrics.json go."""
     frames: int = 48
-    """Of two laps."""
+    """Of all laps."""
+    laps: float = 2.0
+    """Times that the camera walks about the room."""
+    objects: int = 6
+    """Of the room's six, how many to use."""
     seed: int = 0
     """Of the odometry's noise."""
 
 
-def detections(frame: Frame, scan: Scan, rng: np.random.Generator, least: int = 600) -> list[Instance]:
+def detections(
+    frame: Frame, instances: Sequence[Instance], rng: np.random.Generator, least: int = 600
+) -> list[Instance]:
     """What a detector would say of this frame: masks and categories, in an order that tells nothing."""
-    seen = [i for i in scan.instances if np.count_nonzero(frame.instances == i.id) >= least]
+    seen = [i for i in instances if np.count_nonzero(frame.instances == i.id) >= least]
     return [seen[i] for i in rng.permutation(len(seen))]
 
 
@@ -61,9 +68,10 @@ def footprints(objects: objgraph.IncrementalObjectGraph, axis) -> None:
 
 
 def main(arguments: Arguments) -> None:
-    config = SampleConfig(camera=CameraConfig(frames=arguments.frames, sweep_rad=4 * np.pi))
+    config = SampleConfig(camera=CameraConfig(frames=arguments.frames, sweep_rad=2 * np.pi * arguments.laps))
     scan = load_scan("scannet", ensure_sample(Path("out"), config) / "scannet")
     times = np.arange(len(scan.frames), dtype=float)
+    instances = scan.instances[: arguments.objects]
     truth = [gtsam.Pose3(scan.frames[k].T_world_camera) for k in range(len(scan.frames))]
     rng = np.random.default_rng(arguments.seed)
     motions = drifting_motions(truth, OdometryNoise(), rng)
@@ -73,7 +81,7 @@ def main(arguments: Arguments) -> None:
     for k, pose in enumerate(odometry):
         frame = replace(scan.frames[k], T_world_camera=pose.matrix())
         start = time.perf_counter()
-        report = objects.update(frame, detections(frame, scan, rng))
+        report = objects.update(frame, detections(frame, instances, rng))
         seconds.append(time.perf_counter() - start)
         print(f"frame {k}: {seconds[-1]:.1f} s, sees {', '.join(report.seen) or 'nothing known'}", flush=True)
         for reason in report.reasons:
@@ -91,7 +99,7 @@ def main(arguments: Arguments) -> None:
         "ate_odometry_m": absolute_trajectory_error(paths["odometry"], paths["truth"]),
         "ate_with_objects_m": absolute_trajectory_error(paths["with_objects"], paths["truth"]),
         "objects": len(objects.objects),
-        "objects_in_the_room": len(scan.instances),
+        "objects_in_the_room": len(instances),
         "median_seconds": float(np.median(seconds)),
     }
     arguments.out.mkdir(parents=True, exist_ok=True)

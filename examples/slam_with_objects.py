@@ -43,7 +43,11 @@ class Arguments:
     seeds: int = 1
     """Draws of the odometry's noise."""
     frames: int = 40
-    """Of two laps."""
+    """Of all laps."""
+    laps: float = 2.0
+    """Times that the camera walks about the room."""
+    objects: int = 6
+    """Of the room's six, how many to use."""
 
 
 def pose_graph(
@@ -59,19 +63,22 @@ def pose_graph(
     return graph, values
 
 
-def add_objects(scan: Scan, graph: gtsam.NonlinearFactorGraph, values: gtsam.Values) -> objgraph.ObjectGraph:
+def add_objects(
+    scan: Scan, count: int, graph: gtsam.NonlinearFactorGraph, values: gtsam.Values
+) -> objgraph.ObjectGraph:
     """Each object starts from its best views within a few frames of each other, and is observed in all."""
     objects = objgraph.ObjectGraph(graph, values, up_world=UP, floor=FLOOR)
-    views = {instance.id: {} for instance in scan.instances}
+    instances = scan.instances[:count]
+    views = {instance.id: {} for instance in instances}
     for k in track(range(len(scan.frames)), "looking at frames"):
         frame = scan.frames[k]
-        for instance in scan.instances:
+        for instance in instances:
             try:
                 view = objgraph.observe(frame, instance.id, FEW, seed=k)
             except ObservationError:
                 continue  # out of sight, or too little of it
             views[instance.id][k] = view.at(values.atPose3(X(k)))
-    for instance in track(scan.instances, "adding objects"):
+    for instance in track(instances, "adding objects"):
         seen = views[instance.id]
         near = [k for k in sorted(seen) if k < min(seen) + 6][::2]
         handle = objects.add_object(instance.category, [seen[k] for k in near])
@@ -80,13 +87,13 @@ def add_objects(scan: Scan, graph: gtsam.NonlinearFactorGraph, values: gtsam.Val
     return objects
 
 
-def run(scan: Scan, seed: int) -> tuple[dict[str, float], dict[str, Trajectory]]:
+def run(scan: Scan, count: int, seed: int) -> tuple[dict[str, float], dict[str, Trajectory]]:
     times = np.arange(len(scan.frames), dtype=float)
     truth = [gtsam.Pose3(scan.frames[k].T_world_camera) for k in range(len(scan.frames))]
     noise = OdometryNoise()
     graph, values = pose_graph(truth[0], drifting_motions(truth, noise, np.random.default_rng(seed)), noise)
     before = Trajectory(times, np.stack([values.atPose3(X(k)).matrix() for k in range(len(truth))]))
-    objects = add_objects(scan, graph, values)
+    objects = add_objects(scan, count, graph, values)
     objects.optimize()
     after = Trajectory(times, np.stack([values.atPose3(X(k)).matrix() for k in range(len(truth))]))
     true = Trajectory(times, np.stack([pose.matrix() for pose in truth]))
@@ -116,12 +123,12 @@ def picture(paths: dict[str, Trajectory], metrics: dict[str, float], path: Path)
 
 
 def main(arguments: Arguments) -> None:
-    config = SampleConfig(camera=CameraConfig(frames=arguments.frames, sweep_rad=4 * np.pi))
+    config = SampleConfig(camera=CameraConfig(frames=arguments.frames, sweep_rad=2 * np.pi * arguments.laps))
     scan = load_scan("scannet", ensure_sample(Path("out"), config) / "scannet")
     arguments.out.mkdir(parents=True, exist_ok=True)
     rows = []
     for seed in range(arguments.seeds):
-        metrics, paths = run(scan, seed)
+        metrics, paths = run(scan, arguments.objects, seed)
         rows.append(metrics)
         print(seed, metrics, flush=True)
         for name, trajectory in paths.items():

@@ -1,7 +1,7 @@
 """The DeepSDF decoder: a shape code and a canonical point give a signed distance.
 
-Park et al., "DeepSDF", CVPR 2019 (paper eq:deepsdf), with smooth activations, so that the Jacobians that
-the factors use are continuous.
+Park et al., "DeepSDF", CVPR 2019 (paper eq:deepsdf). With ReLU, which the shipped priors have, the Jacobians that the
+factors use jump between pieces; smooth activations are there for those who want them continuous.
 """
 
 from dataclasses import dataclass

@@ -112,6 +112,8 @@ class DepthFactor(ObservationFactor):
 
     def active(self, value: Tensor) -> Tensor:
         strength = (self._held.weight.sqrt()[:, None, None] * self._render(value).d_sdf).abs().amax(dim=1)
+        if not strength.numel():  # no ray meets the object's box
+            return torch.zeros(0, dtype=torch.long)
         return torch.nonzero((strength > _NEGLIGIBLE * strength.max()).flatten())[:, 0]
 
     def rows_of(self, query: SdfQuery, value: Tensor, jet: SdfJet) -> Rows:

@@ -4,28 +4,56 @@ import json
 import os
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
+from objgraph.trajectory import read_tum
 from tests.conftest import REPOSITORY
 
-EXAMPLES = sorted((REPOSITORY / "examples").glob("*.py"))
+
+def maps_every_object(out: Path) -> None:
+    objects = json.loads((out / "map.json").read_text())["objects"]
+    assert objects
+    assert all(entry["status"] == "mapped" for entry in objects)
+    assert (out / "map.png").stat().st_size > 10_000
 
 
-@pytest.mark.parametrize("example", EXAMPLES, ids=lambda path: path.stem)
-def test_example(example: Path, tmp_path: Path):
+def objects_hold_the_cameras(out: Path) -> None:
+    metrics = json.loads((out / "metrics.json").read_text())
+    assert 0 < metrics["ate_with_objects_m"] < metrics["ate_odometry_m"]
+    assert metrics["seeds"][0]["ate_odometry_m"] == metrics["ate_odometry_m"]
+    assert (out / "trajectories.png").stat().st_size > 10_000
+    assert len(read_tum(out / "with_objects_0.txt")) == 12
+
+
+def a_map_grows(out: Path) -> None:
+    metrics = json.loads((out / "metrics.json").read_text())
+    assert metrics["objects"] == metrics["objects_in_the_room"] == 1
+    assert metrics["ate_with_objects_m"] < 1.5 * metrics["ate_odometry_m"]
+    assert (out / "map.png").stat().st_size > 10_000
+    assert len(read_tum(out / "with_objects.txt")) == 7
+
+
+EXAMPLES: dict[str, tuple[list[str], Callable[[Path], None]]] = {
+    "scannet_graph": (["--views", "2"], maps_every_object),
+    "slam_with_objects": (["--frames", "12", "--objects", "1"], objects_hold_the_cameras),
+    "incremental": (["--frames", "7", "--laps", "0.7", "--objects", "1"], a_map_grows),
+}
+
+
+@pytest.mark.parametrize("name", EXAMPLES)
+def test_example(name: str, tmp_path: Path):
+    options, check = EXAMPLES[name]
     run = subprocess.run(
-        [sys.executable, str(example), "--out", str(tmp_path / "out"), "--views", "2"],
+        [sys.executable, str(REPOSITORY / "examples" / f"{name}.py"), "--out", str(tmp_path / "out"), *options],
         cwd=tmp_path, capture_output=True, text=True, timeout=600,
         env={**os.environ, "PYTHONPATH": str(REPOSITORY)}, check=False,
     )  # fmt: skip
     assert run.returncode == 0, run.stderr[-2000:]
-    objects = json.loads((tmp_path / "out" / "map.json").read_text())["objects"]
-    assert objects
-    assert all(entry["status"] == "mapped" for entry in objects)
-    assert (tmp_path / "out" / "map.png").stat().st_size > 10_000
+    check(tmp_path / "out")
 
 
-def test_there_are_examples():
-    assert EXAMPLES
+def test_every_example_is_tested():
+    assert {path.stem for path in (REPOSITORY / "examples").glob("*.py")} == set(EXAMPLES)

@@ -40,6 +40,8 @@ class IncrementalConfig:
     initialisation: InitialisationConfig = field(default_factory=InitialisationConfig)
     start: SolverConfig = field(default_factory=lambda: SolverConfig(rounds=4))
     """How a new object is solved before it enters."""
+    rough: SolverConfig = field(default_factory=lambda: SolverConfig(slopes=(120.0,), rounds=1))
+    """How an object is solved that is only to be recognised until it has been seen often enough."""
     tracking: SolverConfig = field(
         default_factory=lambda: SolverConfig(
             slopes=(120.0, 400.0), rounds=3, inner=LevenbergMarquardtConfig(iterations=4)

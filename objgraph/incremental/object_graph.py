@@ -290,9 +290,8 @@ class IncrementalObjectGraph:
         views = [view.at(cameras[key]) for key, view in pending.views]
         if len(views) > 1:
             pending.estimate = first_estimate(
-                pending.name, pending.prior, views, system.up_world, system.floor, self.config,
-                pending.estimate.state,
-            )  # fmt: skip
+                pending.name, pending.prior, views, system.up_world, system.floor, self.config
+            )
         near = self._near([(view, pending.prior) for view in views])
         doubles = duplicates(
             [pending.candidate(), *(self._alone(entry) for entry in near)], self.config.association

@@ -7,7 +7,6 @@ import gtsam
 import numpy as np
 from jaxtyping import Float
 
-from factors.state import ObjectState
 from objgraph.association import MappedCandidate
 from objgraph.errors import ObjectGraphError, SolveError
 from objgraph.estimation import Estimate, EstimationTask
@@ -67,17 +66,17 @@ def first_estimate(
     up_world: Float[np.ndarray, "3"],
     floor: float | None,
     config: IncrementalConfig,
-    near: ObjectState | None = None,
 ) -> Estimate:
-    """Place an object by its views at known cameras and solve it alone; `near` is one more start.
+    """Place an object by its views at known cameras and solve it alone, roughly where it has one view.
 
     Raises:
         InitialisationError, SolveError: it cannot be placed; the message says why.
     """
     states = guesses(prior, views, up_world, floor, config.initialisation)
     starts, _ = rank(prior, views, states, up_world, floor, config.initialisation, config.graph)
-    task = EstimationTask(name, prior, (*starts, *([near] if near else [])), tuple(views), up_world, floor)
-    (result,) = GraphEstimator(config.graph, config.start).estimate([task])
+    rough = len(views) < config.views_to_enter
+    task = EstimationTask(name, prior, tuple(starts[:1] if rough else starts), tuple(views), up_world, floor)
+    (result,) = GraphEstimator(config.graph, config.rough if rough else config.start).estimate([task])
     if isinstance(result, ObjectGraphError):
         raise result
     if result.covariance is None:

@@ -62,9 +62,9 @@ class TrackedObject:
 
     @property
     def is_due(self) -> bool:
-        """Whether it is to be solved again as a whole: each time the number of its views has doubled."""
+        """Whether it is to be solved again as a whole: each time the number of its views has doubled, from 5 on."""
         views = len(self.placed_views)
-        return views >= 3 and (views - 1) & (views - 2) == 0
+        return views >= 5 and (views - 1) & (views - 2) == 0
 
     def candidate(
         self, state: ObjectState, covariance: Callable[[], Float[np.ndarray, "d d"]]

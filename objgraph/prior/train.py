@@ -36,7 +36,7 @@ class TrainConfig:
     the procedural families are used."""
     out: Path = Path("out/train")
     """Work folder: sample cache, checkpoint, and the trained prior."""
-    decoder: DecoderConfig = field(default_factory=lambda: DecoderConfig(octaves=2))
+    decoder: DecoderConfig = field(default_factory=lambda: DecoderConfig(octaves=2, activation="relu"))
     """The network."""
     corpus: CorpusConfig = field(default_factory=CorpusConfig)
     """The shapes."""

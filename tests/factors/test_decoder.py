@@ -6,7 +6,9 @@ from factors.errors import FactorError
 from tests.factors.conftest import CODE_LENGTH, make_decoder
 
 
-@pytest.mark.parametrize("settings", [{}, {"skip": 0}, {"octaves": 2}, {"activation": "softplus"}])
+@pytest.mark.parametrize(
+    "settings", [{}, {"skip": 0}, {"octaves": 2}, {"activation": "softplus"}, {"activation": "relu"}]
+)
 def test_jacobian_is_autograds_own(settings):
     decoder = make_decoder(**settings)
     points, codes = torch.randn(7, 3).double(), torch.randn(1, CODE_LENGTH).double()

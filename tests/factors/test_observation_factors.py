@@ -208,3 +208,16 @@ def test_a_residual_that_is_not_finite_names_the_keys():
 def test_bad_points_are_refused(points):
     with pytest.raises(FactorError, match="surface points"):
         SurfaceFactor(KEYS, make_decoder(), gtsam.Pose3(), points, np.full(len(points), 0.01))
+
+
+@pytest.mark.parametrize("variable_camera", [False, True])
+def test_rays_that_all_miss_the_object_say_nothing(variable_camera):
+    factor, values = problem("depth-full", variable_camera, seed=5)
+    T = values.atPose3(KEYS.pose)
+    values.update(KEYS.pose, gtsam.Pose3(T.rotation(), T.translation() + np.array([50.0, 0, 0])))
+    factor.refresh(values)
+    prefetch([factor], values, jacobian=True)
+    graph = gtsam.NonlinearFactorGraph()
+    graph.push_back(factor.gtsam_factor())
+    assert graph.error(values) == 0
+    assert np.abs(graph.linearize(values).jacobian()[0]).max() == 0

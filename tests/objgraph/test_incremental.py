@@ -10,7 +10,7 @@ from gtsam.symbol_shorthand import L, X
 from factors.depth import RaySampling
 from factors.state import ObjectState
 from objgraph.errors import ObservationError, SolveError
-from objgraph.incremental.config import IncrementalConfig
+from objgraph.incremental.config import IncrementalConfig, Tolerance
 from objgraph.incremental.object_graph import FrameReport, IncrementalObjectGraph
 from objgraph.incremental.tracked import TrackedObject
 from objgraph.initialise import InitialisationConfig
@@ -160,10 +160,24 @@ def test_joint_marginals_hold_the_cameras(run):
     assert np.abs(joint[:6, 13:]).max() > 1e-8
 
 
-def test_what_has_moved_is_linearised_anew_and_little_else(run):
+def test_what_has_moved_is_linearised_anew(run):
     objects, _ = run
     system, entry = objects.system, objects.objects[0]
-    assert system.renew(objects.objects, objects.config.tolerance) <= 2 * FRAMES
+    strict, before = Tolerance(1e-12, 1e-12, 1e-12, 1e-12), [o.number for o in entry.observations]
+    here = system.estimates([entry], [o.camera for o in entry.observations if o.camera is not None])
+    assert system.renew([entry], strict, limit=3) == 3
+    renewed = [o for o, number in zip(entry.observations, before, strict=True) if o.number != number]
+    assert len(renewed) == 3
+    assert all(system.smoother.holds(o.number) for o in entry.observations)
+    assert sum(system.smoother.holds(number) for number in before) == len(before) - 3
+    for observation in renewed:
+        assert observation.point.equals(here.extract(gtsam.KeyVector(observation.keys)), 1e-9)
+    assert system.renew([entry], Tolerance(10, 10, 10, 10)) == 0
+
+
+def test_what_has_only_travelled_is_told_from_what_has_moved(run):
+    objects, _ = run
+    system, entry = objects.system, objects.objects[0]
     observation = entry.observations[0]
     values = system.estimates([entry], [observation.camera])
     assert entry.departure(observation, observation.point, objects.config.tolerance) < 1e-9
