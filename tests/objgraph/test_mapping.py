@@ -24,7 +24,7 @@ from objgraph.observation import GroundTruth, Instance, Scan
 from objgraph.prior.registry import prior_for
 from objgraph.sampling import SamplingConfig, observe
 from objgraph.single_object import single_object
-from objgraph.solve import SolverConfig
+from objgraph.solve import SolverConfig, solve
 from tests.toys import INTRINSICS, ListedFrames, ToyDecoder, toy_frame, toy_mesh, toy_prior, toy_state
 
 UP = np.array([0.0, 0.0, 1.0])
