@@ -125,7 +125,7 @@ def observe(frame: Frame, instance: int, config: SamplingConfig | None = None, s
     """
     config = config or SamplingConfig()
     where = f"frame {frame.name}, object {instance}"
-    T_world_camera = _rigid(frame, where)
+    T_world_camera = rigid_pose(frame, where)
     depth = clean_depth(frame, where, config.max_depth)
     mask = frame.instances == instance
     on_object = mask & (depth > 0)
@@ -182,7 +182,8 @@ def patch_shares(points: Float[np.ndarray, "n 3"], edge: float, most: float) -> 
     return np.minimum(1.0 / counts[inverse.ravel()], most)
 
 
-def _rigid(frame: Frame, where: str) -> gtsam.Pose3:
+def rigid_pose(frame: Frame, where: str) -> gtsam.Pose3:
+    """T_world_camera of a frame; raises ObservationError, which begins with `where`, if it is no rigid motion."""
     T = np.asarray(frame.T_world_camera, dtype=float)
     if T.shape != (4, 4) or not np.isfinite(T).all():
         raise ObservationError(f"{where}: the camera pose is not a finite 4x4 matrix; leave the frame out")

@@ -12,7 +12,7 @@ from jaxtyping import Float
 from factors.state import ObjectKeys, ObjectState
 from objgraph.association import Detection, MappedCandidate, associate, duplicates
 from objgraph.covariance import ObjectCovariance
-from objgraph.errors import ObjectGraphError, ObservationError
+from objgraph.errors import ObjectGraphError
 from objgraph.graph import ObjectGraph
 from objgraph.incremental.config import IncrementalConfig, Tolerance
 from objgraph.incremental.motion import Motion, anchored, moved, relative_covariance
@@ -22,7 +22,7 @@ from objgraph.incremental.tracked import TrackedObject
 from objgraph.observation import Frame, Instance
 from objgraph.prior.prior import ShapePrior
 from objgraph.prior.registry import prior_for
-from objgraph.sampling import ObjectView, observe
+from objgraph.sampling import ObjectView, observe, rigid_pose
 
 _LOG = logging.getLogger(__name__)
 _NEARBY = 4.0
@@ -131,7 +131,8 @@ class IncrementalObjectGraph:
 
         self._odometry = motion.odometry
         jump = motion.predicted.localCoordinates(self.pose(camera))[3:]
-        self._keep_current([entry for entry, _ in seen], everything=bool(np.linalg.norm(jump) > _CLOSED_LOOP))
+        closed = bool(np.linalg.norm(jump) > _CLOSED_LOOP)
+        reasons += self._keep_current([entry for entry, _ in seen], everything=closed)
         for entry, view in matched:
             if isinstance(entry, PendingObject):
                 entry.see(camera, view, len(self.cameras) - 1)
@@ -176,7 +177,7 @@ class IncrementalObjectGraph:
         return self.system.smoother.covariance([*entry.keys, *others])
 
     def _motion(self, frame: Frame) -> Motion:
-        odometry = _rigid(frame)
+        odometry = rigid_pose(frame, f"frame {frame.name}")
         if self._odometry is None:
             return anchored(self.next_camera, odometry, self.config)
         previous = X(len(self.cameras) - 1)
@@ -236,16 +237,24 @@ class IncrementalObjectGraph:
         added.insert(camera, at.atPose3(camera))
         system.add_frame(camera, frame.name, [motion.factor, *factors], added, observations, at)
 
-    def _keep_current(self, seen: Sequence[TrackedObject], everything: bool) -> None:
-        """Renew what the frame has made stale, and look at one other object in turn."""
+    def _keep_current(self, seen: Sequence[TrackedObject], everything: bool) -> list[str]:
+        """Renew what the frame has made stale, and look at one other object in turn; what could not be, and why.
+
+        The frame is in the map by now: an object that cannot be renewed stays linearised where it was.
+        """
         others = [self.objects[self._turn % len(self.objects)]] if self.objects else []
         self._turn += 1
-        due = list({entry.name: entry for entry in (*seen, *others)}.values())
-        for entry in seen:
-            if entry.is_due:
-                self.system.resolve(entry)
-        self.system.renew(due, self.config.tolerance, self.config.refreshes)
+        due, reasons = list({entry.name: entry for entry in (*seen, *others)}.values()), []
+        try:
+            for entry in seen:
+                if entry.is_due:
+                    self.system.resolve(entry)
+            self.system.renew(due, self.config.tolerance, self.config.refreshes)
+        except ObjectGraphError as error:
+            reasons.append(f"upkeep is left for the next frame: {error}")
+            _LOG.warning("%s", reasons[-1])
         self._note_centres(self.objects if everything else due)
+        return reasons
 
     def _note_centres(self, entries: Sequence[TrackedObject]) -> None:
         for entry in entries:
@@ -317,16 +326,3 @@ class IncrementalObjectGraph:
 
     def _alone(self, entry: TrackedObject) -> MappedCandidate:
         return entry.candidate(self.state(entry), lambda: self.joint_marginals(entry))
-
-
-def _rigid(frame: Frame) -> gtsam.Pose3:
-    T = np.asarray(frame.T_world_camera, float)
-    if (
-        T.shape != (4, 4)
-        or not np.isfinite(T).all()
-        or np.abs(T[:3, :3] @ T[:3, :3].T - np.eye(3)).max() > 1e-2
-    ):
-        raise ObservationError(
-            f"frame {frame.name}: the odometry's pose is no rigid motion; leave the frame out"
-        )
-    return gtsam.Pose3(gtsam.Rot3.ClosestTo(T[:3, :3]), T[:3, 3])

@@ -233,7 +233,15 @@ class IncrementalSystem:
         return values
 
     def batch(self) -> ObjectGraph:
-        """The map as one nonlinear graph of its own, at the current estimate."""
+        """The map as one nonlinear graph of its own, at the current estimate.
+
+        Raises:
+            SolveError: cameras were marginalised out behind a lag; what they said is in no nonlinear factor any more.
+        """
+        if self.config.lag is not None:
+            raise SolveError(
+                "a map with a lag has no batch graph: build it without one (IncrementalConfig.lag)"
+            )
         graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
         for factor in self._others:
             graph.push_back(factor)

@@ -264,6 +264,24 @@ def test_behind_the_lag_cameras_go_and_objects_stay(world):
         assert far < 0.1
         assert np.linalg.eigvalsh(objects.marginals(entry).matrix).min() > 0
     assert distance(objects.pose(X(7)), world.truth[7]) < 0.1
+    with pytest.raises(SolveError, match="lag"):
+        objects.batch()
+
+
+def test_upkeep_that_fails_costs_no_frame(world, monkeypatch):
+    objects = mapper()
+    for frame in world.frames[:2]:
+        objects.update(frame, world.detections(frame))
+
+    def fail(*_):
+        raise SolveError("the decoder is gone")
+
+    monkeypatch.setattr(objects.system, "renew", fail)
+    report = objects.update(world.frames[2], world.detections(world.frames[2]))
+    assert any("decoder is gone" in reason for reason in report.reasons)
+    assert list(objects.cameras) == [X(0), X(1), X(2)]
+    monkeypatch.undo()
+    assert objects.update(world.frames[3], []).camera == X(3)
 
 
 def test_doubles_are_merged(world, run):
