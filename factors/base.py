@@ -128,8 +128,8 @@ class ObservationFactor(ABC):
         return last.jet if last is not None and last.fingerprint == _fingerprint(query) else None
 
     def remember(self, query: SdfQuery, value: Tensor, jet: SdfJet | None = None) -> None:
-        """Keep the decoder's answers to `query`: the next evaluation at the same place need not ask again."""
-        self._decoded = _Decoded(_fingerprint(query), value, jet)
+        """Keep the decoder's answers to `query`, unless they are not finite: the same place need not ask again."""
+        self._decoded = _Decoded(_fingerprint(query), value, jet) if value.isfinite().all() else None
 
     def gtsam_factor(self) -> gtsam.CustomFactor:
         """The factor to add to a graph; it follows later calls of `refresh` on this object."""
@@ -161,6 +161,18 @@ class ObservationFactor(ABC):
             jet = self.decoder.linearize(query.p_object[self.active(value)], query.code[None])
             self.remember(query, value, jet)
         return jet
+
+
+def place_of(state: ObjectState, T_world_camera: gtsam.Pose3, annealing: Annealing) -> bytes:
+    """Equal where `refresh` would freeze the same: it is asked for at the same place again and again."""
+    parts = (
+        state.T_world_object.matrix(),
+        state.log_scale,
+        state.code,
+        T_world_camera.matrix(),
+        annealing.slope,
+    )
+    return b"".join(np.asarray(part, dtype=float).tobytes() for part in parts)
 
 
 def _fingerprint(query: SdfQuery) -> bytes:

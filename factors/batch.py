@@ -32,7 +32,8 @@ def _prefetch_jets(queries: list[tuple[ObservationFactor, SdfQuery]]) -> None:
     some, whole = [], {}
     for factor, query in queries:
         value = factor.known_value(query)
-        assert value is not None
+        if value is None:  # not finite: the factor's own evaluation says so
+            continue
         some.append((factor, query.take(factor.active(value))))
         whole[id(factor)] = query, value
     for batch in _batches(some):

@@ -1,13 +1,13 @@
 """The 2D factor: rays of one view end on the object where the depth image says so (paper L_2D, equ:2d_loss)."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import gtsam
 import numpy as np
 import torch
 from torch import Tensor
 
-from factors.base import Annealing, ObservationFactor
+from factors.base import Annealing, ObservationFactor, place_of
 from factors.errors import FactorError
 from factors.full_distribution import FullDistribution
 from factors.rays import RayCells, Rays, box_interval, choose_cells, coarse_depths
@@ -77,6 +77,7 @@ class DepthFactor(ObservationFactor):
         self._weighting = weighting or Weighting()
         self._sampling = sampling or RaySampling()
         self._frozen: _Frozen | None = None
+        self._frozen_at: bytes | None = None
 
     @property
     def is_frozen(self) -> bool:
@@ -84,6 +85,8 @@ class DepthFactor(ObservationFactor):
 
     def refresh(self, values: gtsam.Values, annealing: Annealing = Annealing()) -> None:  # noqa: B008
         state, camera = self.state(values), self.T_world_camera(values)
+        if (place := place_of(state, camera, annealing)) == self._frozen_at:
+            return
         near, far = box_interval(state, camera, self._rays.directions_camera)
         meets = np.flatnonzero((far - near > 1e-3) & (self._rays.end > near))
         targets = RayTargets(
@@ -103,6 +106,7 @@ class DepthFactor(ObservationFactor):
             meets, cells, targets, p_camera, metres, samples.sdf_sigma, spread,
             self._weighting.take(meets).per_row(spread), annealing.slope,
         )  # fmt: skip
+        self._frozen_at = place if value.isfinite().all() else None
 
     def points_camera(self) -> np.ndarray:
         return self._held.p_camera
@@ -150,22 +154,17 @@ class DepthFactor(ObservationFactor):
         targets: RayTargets,
         annealing: Annealing,
     ) -> RayCells:
-        start, end = torch.as_tensor(near), torch.as_tensor(far)
+        # what lies beyond a ray's end is in no residual: no cell is spent on it
+        start, end = torch.as_tensor(near), torch.minimum(torch.as_tensor(far), targets.end)
         coarse = coarse_depths(start, end, self._sampling.coarse)
         query = query_points(self.decoder, state, camera, self._points(meets, coarse))
         with torch.no_grad():
             sdf = self.decoder(query.p_object, query.code[None]).double().view_as(coarse)
         metres = float(np.exp(state.log_scale.mean()))
-        band = max(2.0 / annealing.slope, 0.5 * metres / self._sampling.coarse)
-        return choose_cells(
-            start,
-            end,
-            metres * sdf,
-            targets.depth,
-            torch.minimum(targets.stop, targets.end),
-            self._sampling.cells,
-            band,
-        )
+        band = (0.5 * (end - start) / self._sampling.coarse).clamp_min(2.0 / annealing.slope)
+        step_at = torch.minimum(targets.stop, targets.end)
+        cells = choose_cells(start, end, metres * sdf, targets.depth, step_at, self._sampling.cells, band)
+        return replace(cells, far=torch.as_tensor(far))
 
     def _metres(self, query: SdfQuery, value: Tensor, state: ObjectState) -> Tensor:
         """Metres per canonical unit of every cell; away from the surface, where it hardly matters, their mean."""

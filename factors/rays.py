@@ -96,7 +96,7 @@ def choose_cells(
     depth: Float[Tensor, "r"],
     step_at: Float[Tensor, "r"],
     count: int,
-    band: float,
+    band: Float[Tensor, "r"],
 ) -> RayCells:
     """`count` cells a ray, fine where the coarse SDF (metres) is within `band` of zero and about `depth`.
 
@@ -106,8 +106,8 @@ def choose_cells(
     coarse = coarse_sdf.shape[1]
     step = (far - near) / coarse
     middle = coarse_depths(near, far, coarse)
-    density = torch.exp(-0.5 * (coarse_sdf / band) ** 2)
-    density = density + 0.5 * torch.exp(-0.5 * ((middle - depth[:, None]) / band) ** 2) + 0.05
+    density = torch.exp(-0.5 * (coarse_sdf / band[:, None]) ** 2)
+    density = density + 0.5 * torch.exp(-0.5 * ((middle - depth[:, None]) / band[:, None]) ** 2) + 0.05
     cumulative = torch.cat([torch.zeros_like(near)[:, None], density.cumsum(dim=1)], dim=1)
     cumulative = cumulative / cumulative[:, -1:]
     quantile = torch.linspace(0, 1, count + 1, dtype=near.dtype).expand(len(near), -1).contiguous()

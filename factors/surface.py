@@ -8,7 +8,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from factors.base import Annealing, ObservationFactor
+from factors.base import Annealing, ObservationFactor, place_of
 from factors.errors import FactorError
 from factors.reduce import Rows
 from factors.score import energy_score, majorizing_weight
@@ -60,6 +60,7 @@ class SurfaceFactor(ObservationFactor):
         self._weighting = weighting or Weighting()
         self._state_covariance = None if state_covariance is None else torch.as_tensor(state_covariance)
         self._frozen: _Frozen | None = None
+        self._frozen_at: bytes | None = None
 
     @property
     def is_frozen(self) -> bool:
@@ -67,6 +68,8 @@ class SurfaceFactor(ObservationFactor):
 
     def refresh(self, values: gtsam.Values, annealing: Annealing = Annealing()) -> None:  # noqa: B008
         state, camera = self.state(values), self.T_world_camera(values)
+        if (place := place_of(state, camera, annealing)) == self._frozen_at:
+            return
         query = query_points(self.decoder, state, camera, self._points_camera)
         jet = self.decoder.linearize(query.p_object, query.code[None])
         self.remember(query, jet.value, jet)
@@ -77,6 +80,7 @@ class SurfaceFactor(ObservationFactor):
             variance = variance + propagated_variance(jacobian, self._state_covariance)
         sigma = variance.sqrt()
         self._frozen = _Frozen(metres, sigma, self._weighting.per_row(sigma))
+        self._frozen_at = place if jet.value.isfinite().all() else None
 
     def points_camera(self) -> np.ndarray:
         return self._points_camera

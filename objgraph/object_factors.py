@@ -1,7 +1,7 @@
 """The factors of one object: what is known of it beforehand, and what each view says."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import gtsam
@@ -28,6 +28,10 @@ RENDERERS: dict[str, Renderer] = {
     "sampled": Sampled(),
     "deterministic": Deterministic(),
 }
+
+
+_BELOW_FLOOR = RaySampling(coarse=4, cells=4)
+"""Rays from below pass the little of the object's box that is under the floor."""
 
 
 @dataclass(frozen=True)
@@ -85,7 +89,8 @@ def floor_factor(
     """Nothing of the object lies below the floor, whose height along `up_world` is `floor`."""
     points_world = np.concatenate([view.points_world for view in views])
     T_world_below, rays = rays_from_below(points_world, up_world, floor)
-    return ray_factor(prior, keys, T_world_below, rays, np.ones(len(rays.depth)), config)
+    settings = replace(config, sampling=_BELOW_FLOOR)
+    return ray_factor(prior, keys, T_world_below, rays, np.ones(len(rays.depth)), settings)
 
 
 def ray_factor(

@@ -221,3 +221,59 @@ def test_rays_that_all_miss_the_object_say_nothing(variable_camera):
     graph.push_back(factor.gtsam_factor())
     assert graph.error(values) == 0
     assert np.abs(graph.linearize(values).jacobian()[0]).max() == 0
+
+
+class CountingDecoder:
+    """Counts what a decoder is asked, and may answer NaN."""
+
+    def __init__(self, decoder) -> None:
+        self.decoder, self.asked, self.broken = decoder, 0, False
+
+    def __getattr__(self, name: str):
+        return getattr(self.decoder, name)
+
+    def __call__(self, points, *rest):
+        self.asked += 1
+        return self.decoder(points, *rest) * (np.nan if self.broken else 1.0)
+
+    def linearize(self, points, *rest):
+        self.asked += 1
+        jet = self.decoder.linearize(points, *rest)
+        return jet._replace(value=jet.value * (np.nan if self.broken else 1.0))
+
+
+@pytest.mark.parametrize("kind", ["surface", "depth-full"])
+def test_freezing_again_where_it_was_frozen_asks_nothing(kind):
+    factor, values = problem(kind, True, seed=3)
+    factor.decoder = counting = CountingDecoder(factor.decoder)
+    factor.refresh(values, Annealing(slope=60.0))
+    assert counting.asked == 0
+    factor.refresh(values, Annealing(slope=90.0))
+    asked = counting.asked
+    assert asked > 0
+    values.update(X(3), values.atPose3(X(3)).retract(np.full(6, 1e-3)))
+    factor.refresh(values, Annealing(slope=90.0))
+    assert counting.asked > asked
+
+
+@pytest.mark.parametrize("kind", ["surface", "depth-full"])
+def test_what_could_not_be_decoded_is_asked_for_again(kind):
+    factor, values = problem(kind, False, seed=3)
+    before = factor.loss(values)
+    factor.decoder = counting = CountingDecoder(factor.decoder)
+    counting.broken = True
+    factor.refresh(values, Annealing(slope=90.0))
+    prefetch([factor], values, jacobian=True)
+    counting.broken = False
+    factor.refresh(values, Annealing(slope=90.0))
+    factor.refresh(values, Annealing(slope=60.0))
+    assert factor.loss(values) == pytest.approx(before, rel=1e-12)
+
+
+def test_no_cell_lies_beyond_where_its_ray_ends():
+    factor, _ = problem("depth-full", False, seed=4)
+    frozen = factor._held
+    ends = torch.minimum(frozen.targets.end, frozen.cells.far)
+    last = frozen.cells.depth[:, -1] + 0.5 * frozen.cells.width[:, -1]
+    assert (ends < frozen.cells.far).any()
+    torch.testing.assert_close(last, ends)

@@ -30,7 +30,7 @@ def test_cells_partition_the_ray_and_no_cell_straddles_the_observation(seed, obs
     near, far = torch.tensor([1.0, 1.5]).double(), torch.tensor([2.0, 3.0]).double()
     sdf = torch.randn(2, 12, generator=generator).double() * 0.3
     observation = torch.full((2,), observed).double()
-    cells = choose_cells(near, far, sdf, observation, observation, count=9, band=0.05)
+    cells = choose_cells(near, far, sdf, observation, observation, count=9, band=torch.full_like(near, 0.05))
     assert (cells.width >= 0).all()
     torch.testing.assert_close(cells.width.sum(dim=1), far - near)
     start, end = cells.depth - cells.width / 2, cells.depth + cells.width / 2
@@ -43,7 +43,7 @@ def test_cells_are_finest_at_the_surface():
     near, far = torch.zeros(1).double() + 1, torch.ones(1).double() + 1
     sdf = (1.4 - coarse_depths(near, far, 16)).abs()
     nowhere = torch.tensor([torch.inf]).double()
-    cells = choose_cells(near, far, sdf, nowhere, nowhere, count=14, band=0.03)
+    cells = choose_cells(near, far, sdf, nowhere, nowhere, count=14, band=torch.full_like(near, 0.03))
     assert abs(float(cells.depth[0, cells.width.argmin()]) - 1.4) < 0.07
     assert cells.width.min() < 0.3 / 14
 
