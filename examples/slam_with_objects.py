@@ -2,14 +2,17 @@
 
     python examples/slam_with_objects.py --out out/slam
     python examples/slam_with_objects.py --out out/slam --seeds 20
+    python examples/slam_with_objects.py --out out/kitchen --dataset sevenscenes --root DIR --stride 4
 
 A camera walks twice about a furnished room. The pose graph is plain GTSAM: a prior on the first camera and odometry
 that drifts by 2 % of the distance and 1 degree a metre. Then each object is one more variable of that same graph, seen
-from the camera's keys, and ties the second lap to the first.
+from the camera's keys, and ties the second lap to the first. The same with a scan of your own: its poses are the truth,
+and only the odometry that is drawn from them reaches the graph.
 """
 
 import json
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import gtsam
@@ -22,15 +25,15 @@ from scipy.stats import chi2
 
 import objgraph
 from objgraph.datasets.registry import load_scan
-from objgraph.errors import ObservationError
-from objgraph.observation import Scan
+from objgraph.errors import InitialisationError, ObservationError
+from objgraph.mapping import scene_floor
+from objgraph.observation import Frame, FrameSource, Scan
 from objgraph.odometry import OdometryNoise, dead_reckoning, drifting_motions
-from objgraph.sampling import SamplingConfig
+from objgraph.sampling import SamplingConfig, rigid_pose
 from objgraph.synthetic.camera import CameraConfig
 from objgraph.synthetic.sample import SampleConfig, ensure_sample
 from objgraph.trajectory import Trajectory, absolute_trajectory_error, write_tum
 
-UP, FLOOR = np.array([0.0, 0.0, 1.0]), 0.0
 FEW = SamplingConfig(
     points=100, hits=60, free=60
 )  # of every view; the graph counts patches of surface, not pixels
@@ -47,7 +50,28 @@ class Arguments:
     laps: float = 2.0
     """Times that the camera walks about the room."""
     objects: int = 6
-    """Of the room's six, how many to use."""
+    """Of the scan's objects, how many to use; the room has six."""
+    dataset: str | None = None
+    """A scan in place of the room: its data set, named as `objgraph map` does."""
+    root: Path | None = None
+    """The data set's folder."""
+    scene: str | None = None
+    """The scan, where the folder has several."""
+    stride: int = 1
+    """Of the scan, every how manyth frame."""
+
+
+class OdometryFrames(FrameSource):
+    """Some of a scan's frames, with the poses that odometry gives them: the true ones are for the evaluation."""
+
+    def __init__(self, frames: FrameSource, indices: Sequence[int], poses: Sequence[gtsam.Pose3]) -> None:
+        self.frames, self.indices, self.poses = frames, indices, poses
+
+    def __len__(self) -> int:
+        return len(self.indices)
+
+    def __getitem__(self, index: int) -> Frame:
+        return replace(self.frames[self.indices[index]], T_world_camera=self.poses[index].matrix())
 
 
 def pose_graph(
@@ -67,32 +91,42 @@ def add_objects(
     scan: Scan, count: int, graph: gtsam.NonlinearFactorGraph, values: gtsam.Values
 ) -> objgraph.ObjectGraph:
     """Each object starts from its best views within a few frames of each other, and is observed in all."""
-    objects = objgraph.ObjectGraph(graph, values, up_world=UP, floor=FLOOR)
+    few = range(min(12, len(scan.frames)))  # the drift is small at first
+    beginning = OdometryFrames(scan.frames, few, [values.atPose3(X(k)) for k in few])
+    floor = scene_floor(replace(scan, frames=beginning))
+    objects = objgraph.ObjectGraph(graph, values, up_world=scan.up_world, floor=floor)
     instances = scan.instances[:count]
     views = {instance.id: {} for instance in instances}
     for k in track(range(len(scan.frames)), "looking at frames"):
         frame = scan.frames[k]
         for instance in instances:
             try:
-                view = objgraph.observe(frame, instance.id, FEW, seed=k)
+                views[instance.id][k] = objgraph.observe(frame, instance.id, FEW, seed=k)
             except ObservationError:
                 continue  # out of sight, or too little of it
-            views[instance.id][k] = view.at(values.atPose3(X(k)))
     for instance in track(instances, "adding objects"):
         seen = views[instance.id]
         near = [k for k in sorted(seen) if k < min(seen) + 6][::2]
-        handle = objects.add_object(instance.category, [seen[k] for k in near])
+        try:
+            handle = objects.add_object(instance.category, [seen[k] for k in near])
+        except InitialisationError as error:
+            print(f"object {instance.id} is left out: {error}")
+            continue
         for k, view in seen.items():
             objects.observe(handle, view, camera=X(k))
     return objects
 
 
-def run(scan: Scan, count: int, seed: int) -> tuple[dict[str, float], dict[str, Trajectory]]:
-    times = np.arange(len(scan.frames), dtype=float)
-    truth = [gtsam.Pose3(scan.frames[k].T_world_camera) for k in range(len(scan.frames))]
+def run(
+    scan: Scan, indices: Sequence[int], count: int, seed: int
+) -> tuple[dict[str, float], dict[str, Trajectory]]:
+    times = np.arange(len(indices), dtype=float)
+    truth = [rigid_pose(scan.frames[i], "the truth") for i in indices]
     noise = OdometryNoise()
     graph, values = pose_graph(truth[0], drifting_motions(truth, noise, np.random.default_rng(seed)), noise)
-    before = Trajectory(times, np.stack([values.atPose3(X(k)).matrix() for k in range(len(truth))]))
+    odometry = [values.atPose3(X(k)) for k in range(len(truth))]
+    before = Trajectory(times, np.stack([pose.matrix() for pose in odometry]))
+    scan = replace(scan, frames=OdometryFrames(scan.frames, indices, odometry), ground_truth={})
     objects = add_objects(scan, count, graph, values)
     objects.optimize()
     after = Trajectory(times, np.stack([values.atPose3(X(k)).matrix() for k in range(len(truth))]))
@@ -122,13 +156,20 @@ def picture(paths: dict[str, Trajectory], metrics: dict[str, float], path: Path)
     plt.close(figure)
 
 
+def scan_of(arguments: Arguments) -> Scan:
+    if arguments.dataset is not None:
+        return load_scan(arguments.dataset, arguments.root or Path(), arguments.scene)
+    walk = CameraConfig(frames=arguments.frames, sweep_rad=2 * np.pi * arguments.laps)
+    return load_scan("scannet", ensure_sample(Path("out"), SampleConfig(camera=walk)) / "scannet")
+
+
 def main(arguments: Arguments) -> None:
-    config = SampleConfig(camera=CameraConfig(frames=arguments.frames, sweep_rad=2 * np.pi * arguments.laps))
-    scan = load_scan("scannet", ensure_sample(Path("out"), config) / "scannet")
+    scan = scan_of(arguments)
+    indices = range(0, len(scan.frames), arguments.stride)
     arguments.out.mkdir(parents=True, exist_ok=True)
     rows = []
     for seed in range(arguments.seeds):
-        metrics, paths = run(scan, arguments.objects, seed)
+        metrics, paths = run(scan, indices, arguments.objects, seed)
         rows.append(metrics)
         print(seed, metrics, flush=True)
         for name, trajectory in paths.items():

@@ -11,6 +11,7 @@ from jaxtyping import Float
 
 from objgraph.comparison.bootstrap import Interval, Resamples
 from objgraph.comparison.rows import ObjectRow
+from objgraph.comparison.uncertainty import SurfaceErrors, gaussian_pearson
 
 WORST = {"chamfer_m": 1.0, "translation_m": 1.0, "rotation_deg": 180.0}
 """What an error counts as at most in a difference; a failure's counts as this."""
@@ -69,11 +70,14 @@ def _entry(name: str, group: Group, rows: Sequence[ObjectRow], seed: int) -> dic
     draws = Resamples([row.shape for row in rows], seed)
     known = np.array([row.well_reconstructed and row.pearson is not None for row in rows])
     timed = np.array([row.failure is None and row.seconds is not None for row in rows])
+    metres = np.array([_in_metres(row) for row in rows])
     figures = {
         "pose_rate": draws.mean(_values(rows, lambda row: row.pose_correct)),
         "iou_rate": draws.mean(_values(rows, lambda row: row.iou_correct)),
         "chamfer_rate": draws.mean(_values(rows, lambda row: row.chamfer_correct)),
         "pearson": draws.mean(_values(rows, lambda row: row.pearson), known),
+        "pearson_metres": draws.mean(metres[:, 0], known & ~np.isnan(metres[:, 0])),
+        "pearson_metres_gaussian": draws.mean(metres[:, 1], known & ~np.isnan(metres[:, 1])),
         "median_translation_m": draws.median(_values(rows, lambda row: row.translation_m)),
         "median_rotation_deg": draws.median(_values(rows, lambda row: row.rotation_deg)),
         "median_chamfer_m": draws.median(_values(rows, lambda row: row.chamfer_m)),
@@ -90,6 +94,15 @@ def _entry(name: str, group: Group, rows: Sequence[ObjectRow], seed: int) -> dic
         "n_well": int(known.sum()),
         **dict(_with_intervals(figures)),
     }
+
+
+def _in_metres(row: ObjectRow) -> tuple[float, float]:
+    """Correlation of error and standard deviation over the row's own points, and what Gaussian errors would have."""
+    if row.surface_error is None or row.surface_sigma is None:
+        return math.nan, math.nan
+    kept = SurfaceErrors(np.array(row.surface_error), np.array(row.surface_sigma))
+    found, gaussian = kept.pearson, gaussian_pearson(kept.sigma)
+    return math.nan if found is None else found, math.nan if gaussian is None else gaussian
 
 
 def _difference(

@@ -22,7 +22,7 @@ def all_tables(
 ) -> list[Grid]:
     """Every table of a comparison; `data` says in a few words what was measured."""
     tables = [rates_table(entries, methods, data), pearson_table(entries, methods, data)]
-    tables.append(medians_table(entries, data))
+    tables += [attainable_table(entries, data), medians_table(entries, data)]
     return [*tables, paired_table(pairs, data)] if pairs else tables
 
 
@@ -69,6 +69,26 @@ def pearson_table(entries: Sequence[Entry], methods: Sequence[str], data: str) -
     return Grid(
         f"Table II: Pearson correlation of error and uncertainty ({data})", header, tuple(sections), caption
     )
+
+
+def attainable_table(entries: Sequence[Entry], data: str) -> Grid:
+    """How much of the correlation that its standard deviations allow an estimate has."""
+    rows = tuple(
+        (
+            Cell(f"{e['category'].capitalize()}, {_views(e['views'])}"),
+            Cell(e["method"]),
+            Cell(_ranged(e, "pearson_metres", 1, 2)),
+            Cell(_ranged(e, "pearson_metres_gaussian", 1, 2)),
+        )
+        for e in entries
+        if e["pearson_metres"] is not None
+    )
+    caption = (
+        "In metres, over the points that are kept with each object. The second figure is what errors would have that are "
+        "Gaussian with exactly these standard deviations: more is not to be had without wider differences among them."
+    )
+    header = ("Objects", "Method", "Pearson", "of Gaussian errors")
+    return Grid(f"Correlation and how much of it there could be ({data})", header, (rows,), caption)
 
 
 def medians_table(entries: Sequence[Entry], data: str) -> Grid:

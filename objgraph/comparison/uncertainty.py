@@ -62,6 +62,18 @@ class SurfaceErrors:
         return SurfaceErrors(self.error[chosen], self.sigma[chosen], metres[chosen])
 
 
+def gaussian_pearson(sigma: Float[np.ndarray, "n"]) -> float | None:
+    """Correlation with `sigma` that |error| would have if errors were Gaussian with these standard deviations.
+
+    sqrt(2/pi) sd(s) / sqrt(E[s^2] - 2/pi E[s]^2): the less the standard deviations differ, the less is to be had,
+    and never more than 0.80. None where they do not differ.
+    """
+    mean, spread = sigma.mean(), sigma.std()
+    if not np.isfinite(mean) or spread <= _CONSTANT * mean:
+        return None
+    return float(np.sqrt(2 / np.pi) * spread / np.sqrt((sigma**2).mean() - 2 / np.pi * mean**2))
+
+
 def surface_errors(
     prior: ShapePrior,
     state: ObjectState,

@@ -9,7 +9,7 @@ import torch
 import trimesh
 
 from factors.state import ObjectState
-from objgraph.comparison.uncertainty import SurfaceErrors, surface_errors
+from objgraph.comparison.uncertainty import SurfaceErrors, gaussian_pearson, surface_errors
 from objgraph.covariance import ObjectCovariance
 from objgraph.observation import GroundTruth
 from objgraph.prior.fallback import fallback_prior
@@ -33,11 +33,6 @@ def gaussian(sigma: np.ndarray) -> SurfaceErrors:
     return SurfaceErrors(np.abs(np.random.default_rng(0).normal(size=len(sigma)) * sigma), sigma)
 
 
-def bound(sigma: np.ndarray) -> float:
-    """The correlation of sigma with |N(0, sigma)|: c / sqrt(1 + (1 - c^2) mean^2 / variance), c = sqrt(2 / pi)."""
-    return float(np.sqrt(2 / np.pi) / np.sqrt(1 + (1 - 2 / np.pi) * sigma.mean() ** 2 / sigma.var()))
-
-
 @pytest.mark.parametrize(
     "draw",
     [
@@ -48,8 +43,15 @@ def bound(sigma: np.ndarray) -> float:
 )
 def test_gaussian_errors_of_known_sigma_have_the_correlation_that_they_can_have(draw):
     sigma = draw(np.random.default_rng(1))
-    assert gaussian(sigma).pearson == pytest.approx(bound(sigma), abs=0.01)
-    assert bound(sigma) < 0.80
+    expected = gaussian_pearson(sigma)
+    assert expected is not None
+    assert gaussian(sigma).pearson == pytest.approx(expected, abs=0.01)
+    assert expected < 0.80
+
+
+def test_equal_sigmas_tell_nothing():
+    assert gaussian_pearson(np.full(100, 0.01)) is None
+    assert gaussian_pearson(np.array([np.nan, 1.0])) is None
 
 
 def test_widely_spread_sigmas_come_near_the_bound():
