@@ -28,7 +28,8 @@ from objgraph.datasets.registry import load_scan
 from objgraph.evaluation.maps import evaluated
 from objgraph.ground import rays_from_below
 from objgraph.initialise import InitialisationConfig, guesses, rank
-from objgraph.map import MappedObject, ObjectMap
+from objgraph.map import ObjectMap
+from objgraph.mapped_object import MappedObject
 from objgraph.mapping import scene_floor, scene_points
 from objgraph.mesh import extract_mesh
 from objgraph.object_factors import GraphConfig

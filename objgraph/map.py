@@ -1,142 +1,18 @@
-"""What mapping gives: objects with pose, scale, shape code, covariance and mesh, saved as JSON and GLB."""
+"""What mapping gives: the objects of a scene, saved as JSON and GLB."""
 
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float
 
-from objgraph import map_checks, map_files
+from objgraph import map_files, map_json
 from objgraph.colors import sigma_colors, sigma_limit
-from objgraph.covariance import RIGID_AXES
 from objgraph.errors import MapError
-from objgraph.map_estimate import OtherEstimate
+from objgraph.mapped_object import MappedObject
 
 VERSION = 2
 """Of the document's layout; a reader refuses another."""
-
-COVARIANCE_AXES = RIGID_AXES
-"""The 9 axes of `MappedObject.covariance`: GTSAM's Pose3 tangent in the body frame, then the log-scale."""
-
-EVALUATION_KEYS = (
-    "pose_correct",
-    "translation_m",
-    "rotation_deg",
-    "scale_pct",
-    "scale_pct_max",
-    "box_iou",
-    "volume_iou",
-    "chamfer_m",
-)
-"""What `MappedObject.evaluation` holds; a value that could not be measured is None."""
-
-_SHAPES: dict[str, tuple[int | None, ...]] = {
-    "T_world_object": (4, 4),
-    "scale": (3,),
-    "code": (None,),
-    "covariance": (9, 9),
-    "code_sigma": (None,),
-    "size_m": (3,),
-    "vertices": (None, 3),
-    "faces": (None, 3),
-    "vertex_sigma": (None,),
-}
-_IN_GLB = ("vertices", "faces", "vertex_sigma")
-_NUMBERS = ("cost_initial", "cost_final", "seconds")
-_COUNTS = ("linearizations", "error_evaluations")
-
-
-@dataclass(frozen=True)
-class PriorReference:
-    """Which shape prior an object's code belongs to."""
-
-    name: str
-    hash: str
-    """Of the weights, so that a code is never decoded by another decoder unnoticed."""
-    fallback: bool = False
-    """Whether it only stands in, because the category has no prior of its own."""
-
-
-@dataclass(frozen=True, eq=False)
-class MappedObject:
-    """One object of the map; arrays are read-only float64 (faces int64).
-
-    Raises:
-        MapError: a field has another shape, is not finite, or contradicts another; it names object and field.
-    """
-
-    id: int
-    """Instance id, as in `Frame.instances`."""
-    category: str
-    status: Literal["mapped", "failed"]
-    """A mapped object has at least a pose, a scale and a code; a failed one has None for what is missing."""
-    reason: str | None = None
-    """Why it failed."""
-    T_world_object: Float[np.ndarray, "4 4"] | None = None
-    """Rigid: p_world = T_world_object (scale * p_object)."""
-    scale: Float[np.ndarray, "3"] | None = None
-    """Metres per canonical unit along the object's own axes."""
-    code: Float[np.ndarray, "l"] | None = None
-    """Shape code."""
-    covariance: Float[np.ndarray, "9 9"] | None = None
-    """Of pose and log-scale; `COVARIANCE_AXES` says what each row is."""
-    code_sigma: Float[np.ndarray, "l"] | None = None
-    """Standard deviation of each entry of the code."""
-    estimator: str | None = None
-    """Whose pose, scale, code and covariance these are: "graph" or "adam"."""
-    other: OtherEstimate | None = None
-    """The other estimator's, where both were run."""
-    cost_initial: float | None = None
-    """Of the first guess, in the estimator's objective."""
-    cost_final: float | None = None
-    linearizations: int | None = None
-    error_evaluations: int | None = None
-    seconds: float | None = None
-    """Wall time spent on this object."""
-    seconds_by_stage: Mapping[str, float] = field(default_factory=dict)
-    """Parts of `seconds`, by stage."""
-    views: tuple[str, ...] = ()
-    """Names of the frames it was seen in and mapped from."""
-    size_m: Float[np.ndarray, "3"] | None = None
-    """Extents along the object's own axes: width (x), height (y), depth (z), metres."""
-    prior: PriorReference | None = None
-    evaluation: Mapping[str, Any] | None = None
-    """`EVALUATION_KEYS` where there is ground truth; of a failed object `pose_correct` is False, the rest None."""
-    vertices: Float[np.ndarray, "v 3"] | None = None
-    """Of the surface, world frame, metres."""
-    faces: Int[np.ndarray, "f 3"] | None = None
-    """Counter-clockwise seen from outside."""
-    vertex_sigma: Float[np.ndarray, "v"] | None = None
-    """Standard deviation of the surface at each vertex, metres."""
-
-    def __post_init__(self) -> None:
-        label = _label(self)
-        if not isinstance(self.category, str):
-            raise _bad(self, "category", f"is no text ({self.category!r})")
-        self._put("id", map_checks.whole(f"{label}: id", self.id))
-        if self.id is None:
-            raise _bad(self, "id", "is missing")
-        for name, shape in _SHAPES.items():
-            dtype = np.int64 if name == "faces" else np.float64
-            self._put(name, map_checks.array(f"{label}: {name}", getattr(self, name), shape, dtype))
-        for name in _NUMBERS:
-            self._put(name, map_checks.number(f"{label}: {name}", getattr(self, name)))
-        for name in _COUNTS:
-            self._put(name, map_checks.whole(f"{label}: {name}", getattr(self, name)))
-        self._put("views", tuple(str(view) for view in self.views))
-        stages = self.seconds_by_stage.items()
-        where = f"{label}: seconds_by_stage"
-        self._put("seconds_by_stage", {str(k): map_checks.number(f"{where}.{k}", v) for k, v in stages})
-        if self.evaluation is not None:
-            where = f"{label}: evaluation"
-            values = {str(k): map_checks.plain(f"{where}.{k}", v) for k, v in self.evaluation.items()}
-            self._put("evaluation", values)
-        _check_consistency(self)
-
-    def _put(self, name: str, value: Any) -> None:
-        object.__setattr__(self, name, value)
 
 
 @dataclass(frozen=True, eq=False)
@@ -190,7 +66,7 @@ class ObjectMap:
                 data = map_files.encode_surface(surface, colors)
                 name = map_files.surface_name(entry.id, data)
                 surfaces[name] = data
-            entries.append(_to_json(entry, name))
+            entries.append(map_json.to_json(entry, name))
         document = {
             "version": VERSION,
             "scene": self.scene,
@@ -209,107 +85,15 @@ class ObjectMap:
         folder = Path(folder)
         path = folder / map_files.DOCUMENT
         document = map_files.read_document(folder)
-        _require(document, ("version", "scene", "up_world", "objects"), f"{path}")
+        map_json.require(document, ("version", "scene", "up_world", "objects"), f"{path}")
         if document["version"] != VERSION:
             raise MapError(
                 f"{path}: version {document['version']!r} is not {VERSION}, which this reader knows"
             )
         if not isinstance(document["objects"], list):
             raise MapError(f"{path}: objects is no list")
-        objects = [_from_json(entry, i, folder) for i, entry in enumerate(document["objects"])]
+        objects = [map_json.from_json(entry, i, folder) for i, entry in enumerate(document["objects"])]
         try:
             return cls(str(document["scene"]), tuple(objects), document["up_world"])
         except (MapError, TypeError, ValueError) as error:
             raise MapError(f"{path}: {error}") from error
-
-
-_JSON_FIELDS = tuple(f.name for f in fields(MappedObject) if f.name not in _IN_GLB)
-
-
-def _to_json(entry: MappedObject, mesh: str | None) -> dict[str, Any]:
-    document = {name: getattr(entry, name) for name in _JSON_FIELDS}
-    document = {k: v.tolist() if isinstance(v, np.ndarray) else v for k, v in document.items()}
-    document["views"] = list(entry.views)
-    document["prior"] = _prior_to_json(entry.prior)
-    document["other"] = None if entry.other is None else entry.other.to_json()
-    document["covariance_axes"] = None if entry.covariance is None else list(COVARIANCE_AXES)
-    document["mesh"] = mesh
-    return document
-
-
-def _prior_to_json(prior: PriorReference | None) -> dict[str, Any] | None:
-    if prior is None:
-        return None
-    return {"name": prior.name, "hash": prior.hash} | ({"fallback": True} if prior.fallback else {})
-
-
-def _from_json(document: Any, index: int, folder: Path) -> MappedObject:
-    where = f"{folder / map_files.DOCUMENT}: objects[{index}]"
-    if not isinstance(document, dict):
-        raise MapError(f"{where} is no JSON object")
-    _require(document, (*_JSON_FIELDS, "covariance_axes", "mesh"), where)
-    if document["covariance"] is not None and document["covariance_axes"] != list(COVARIANCE_AXES):
-        raise MapError(f"{where}: covariance_axes are not {list(COVARIANCE_AXES)}")
-    given = {name: document[name] for name in _JSON_FIELDS}
-    try:
-        given["prior"] = None if given["prior"] is None else PriorReference(**given["prior"])
-    except TypeError as error:
-        raise MapError(f"{where}: prior must have a name and a hash ({error})") from error
-    for name, kind in (("views", list), ("seconds_by_stage", dict), ("evaluation", dict | None)):
-        if not isinstance(given[name], kind):
-            raise MapError(f"{where}: {name} is a {type(given[name]).__name__}")
-    if (mesh := document["mesh"]) is not None:
-        if not isinstance(mesh, str) or not map_files.is_plain_name(mesh):
-            raise MapError(f"{where}: mesh {mesh!r} is not the name of a GLB file in the map's folder")
-        surface = map_files.read_surface(folder / mesh)
-        given |= {"vertices": surface.vertices, "faces": surface.faces, "vertex_sigma": surface.sigma}
-    try:
-        given["other"] = None if given["other"] is None else OtherEstimate.from_json(given["other"])
-        return MappedObject(**given)
-    except MapError as error:
-        raise MapError(f"{where}: {error}") from error
-
-
-def _require(document: dict[str, Any], names: Iterable[str], where: str) -> None:
-    if missing := [name for name in names if name not in document]:
-        raise MapError(f"{where}: {', '.join(missing)} missing; was this written by ObjectMap.save?")
-
-
-def _check_consistency(entry: MappedObject) -> None:
-    if entry.status not in ("mapped", "failed"):
-        raise _bad(entry, "status", f"is {entry.status!r}, neither 'mapped' nor 'failed'")
-    if entry.status == "failed" and not entry.reason:
-        raise _bad(entry, "reason", "must say why the object failed")
-    for name in ("T_world_object", "scale", "code"):
-        if entry.status == "mapped" and getattr(entry, name) is None:
-            raise _bad(entry, name, "is missing although the object is mapped")
-    if entry.T_world_object is not None and not map_checks.is_rigid(entry.T_world_object):
-        raise _bad(entry, "T_world_object", "is no rigid transform; the scale has a field of its own")
-    if entry.scale is not None and not (entry.scale > 0).all():
-        raise _bad(entry, "scale", "must be positive")
-    if entry.covariance is not None and (np.diagonal(entry.covariance) < 0).any():
-        raise _bad(entry, "covariance", "has a negative variance")
-    if entry.code is not None and entry.code_sigma is not None and len(entry.code) != len(entry.code_sigma):
-        raise _bad(entry, "code_sigma", f"has {len(entry.code_sigma)} entries, the code {len(entry.code)}")
-    _check_surface(entry)
-
-
-def _check_surface(entry: MappedObject) -> None:
-    if (entry.vertices is None) != (entry.faces is None):
-        raise _bad(entry, "faces" if entry.faces is None else "vertices", "is missing: a mesh has both")
-    if entry.vertices is None or entry.faces is None:
-        if entry.vertex_sigma is not None:
-            raise _bad(entry, "vertex_sigma", "is given without vertices")
-        return
-    if not len(entry.faces) or entry.faces.min() < 0 or entry.faces.max() >= len(entry.vertices):
-        raise _bad(entry, "faces", f"is empty or names vertices outside 0..{len(entry.vertices) - 1}")
-    if entry.vertex_sigma is not None and len(entry.vertex_sigma) != len(entry.vertices):
-        raise _bad(entry, "vertex_sigma", f"has {len(entry.vertex_sigma)} entries, not {len(entry.vertices)}")
-
-
-def _bad(entry: MappedObject, name: str, problem: str) -> MapError:
-    return MapError(f"{_label(entry)}: {name} {problem}")
-
-
-def _label(entry: MappedObject) -> str:
-    return f"object {entry.id} ({entry.category})"

@@ -19,8 +19,9 @@ from objgraph.estimation import Estimate, EstimationTask, Estimator
 from objgraph.floor import estimate_floor
 from objgraph.graph_estimator import GraphEstimator
 from objgraph.initialise import InitialisationConfig, guesses, rank
-from objgraph.map import MappedObject, ObjectMap, PriorReference
+from objgraph.map import ObjectMap
 from objgraph.map_estimate import OtherEstimate
+from objgraph.mapped_object import MappedObject, PriorReference
 from objgraph.mesh import extract_mesh
 from objgraph.object_factors import GraphConfig
 from objgraph.observation import FrameSource, Instance, Scan

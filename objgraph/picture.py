@@ -14,7 +14,8 @@ from scipy.spatial import ConvexHull, QhullError
 from objgraph import figure, raster, views
 from objgraph.colors import sigma_colors, sigma_limit
 from objgraph.errors import MapError
-from objgraph.map import MappedObject, ObjectMap
+from objgraph.map import ObjectMap
+from objgraph.mapped_object import MappedObject
 from objgraph.observation import Intrinsics
 from objgraph.summary import heading, heading_zero
 

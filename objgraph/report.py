@@ -13,7 +13,8 @@ from rich.text import Text
 
 from objgraph import summary
 from objgraph.evaluation.metrics import CHAMFER_LIMIT_M, IOU_LIMIT
-from objgraph.map import MappedObject, ObjectMap
+from objgraph.map import ObjectMap
+from objgraph.mapped_object import MappedObject
 
 _NONE = "-"
 _FALLBACK = "*"

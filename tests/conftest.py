@@ -9,7 +9,13 @@ from hypothesis import settings
 settings.register_profile("objgraph", deadline=None)  # machines differ; no test asserts a time
 settings.load_profile("objgraph")
 
-REPOSITORY = Path(__file__).resolve().parent.parent
+TESTS = Path(__file__).resolve().parent
+REPOSITORY = TESTS.parent
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """The files that run whole scans first: processes that share the tests then end at about the same time."""
+    items.sort(key=lambda item: item.path.parent != TESTS)
 
 
 @pytest.fixture(scope="session")

@@ -12,6 +12,8 @@ MEAN_HALF = np.array([0.28, 0.32, 0.26])
 class BoxDecoder(SdfDecoder):
     """The exact distance to a box; the code moves each half extent by a tenth of its entry."""
 
+    halves: torch.Tensor
+
     def __init__(self) -> None:
         super().__init__()
         self.register_buffer("halves", torch.tensor(MEAN_HALF, dtype=torch.float32))

@@ -66,7 +66,7 @@ def toy_prior() -> ShapePrior:
 
 def toy_mesh(code: np.ndarray) -> trimesh.Trimesh:
     boxes = toy_boxes(torch.as_tensor(code, dtype=torch.float64)[None])
-    return trimesh.util.concatenate(
+    mesh = trimesh.util.concatenate(
         [
             trimesh.creation.box(
                 extents=2 * half[0].numpy(), transform=trimesh.transformations.translation_matrix(c[0])
@@ -74,6 +74,8 @@ def toy_mesh(code: np.ndarray) -> trimesh.Trimesh:
             for c, half in boxes
         ]
     )
+    assert isinstance(mesh, trimesh.Trimesh)
+    return mesh
 
 
 def toy_state(heading: float = 0.4, code=(0.6, -0.5, 0.3, 0.2)) -> ObjectState:

@@ -6,7 +6,8 @@ from dataclasses import asdict, replace
 
 from objgraph.errors import EvaluationError
 from objgraph.evaluation.metrics import evaluate_object
-from objgraph.map import MappedObject, ObjectMap
+from objgraph.map import ObjectMap
+from objgraph.mapped_object import MappedObject
 from objgraph.observation import GroundTruth
 
 log = logging.getLogger(__name__)

@@ -120,8 +120,8 @@ def gradients(renderer, sdf, sigma, cells, targets) -> tuple[np.ndarray, np.ndar
     """Autograd's derivatives of all scores' sum w.r.t. the SDF and its deviation."""
     sdf, sigma = sdf.clone().requires_grad_(), sigma.clone().requires_grad_()
     score = renderer.score(RaySamples(sdf, sigma, cells, targets, SLOPE))
-    found = torch.autograd.grad(score.sum(), [sdf, sigma], allow_unused=True)
-    return tuple(np.zeros(sdf.shape) if g is None else g.numpy() for g in found)
+    d_sdf, d_sigma = torch.autograd.grad(score.sum(), [sdf, sigma], allow_unused=True)
+    return d_sdf.numpy(), np.zeros(sdf.shape) if d_sigma is None else d_sigma.numpy()
 
 
 @pytest.mark.parametrize("renderer", GAUSSIAN)

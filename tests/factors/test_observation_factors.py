@@ -1,5 +1,7 @@
 """The two factors against their definitions: loss, gradient, reduction, marginals, batching, guards."""
 
+from typing import Any
+
 import gtsam
 import numpy as np
 import pytest
@@ -49,7 +51,10 @@ def make_factor(kind: str, camera, rng: np.random.Generator, decoder=None):
 KINDS = ["surface", "surface-propagated", "depth-full", "depth-independent", "depth-paper"]
 
 
-def problem(kind: str, variable_camera: bool, seed: int, angle: float | None = None):
+def problem(
+    kind: str, variable_camera: bool, seed: int, angle: float | None = None
+) -> tuple[Any, gtsam.Values]:
+    """A factor, which the tests may open, and the values it was made at."""
     rng = np.random.default_rng(seed)
     state, T_world_camera, values = random_state(rng, angle), random_camera(rng), gtsam.Values()
     state.insert(values, KEYS)

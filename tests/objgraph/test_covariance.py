@@ -13,7 +13,7 @@ from factors.state import ObjectKeys
 from objgraph.covariance import RIGID_AXES, ObjectCovariance, joint_covariance, marginals, surface_sigma
 from objgraph.errors import SolveError
 from objgraph.graph import GraphConfig, ObjectGraph
-from objgraph.map import COVARIANCE_AXES
+from objgraph.mapped_object import COVARIANCE_AXES
 from objgraph.mesh import extract_mesh
 from objgraph.sampling import SamplingConfig, observe
 from objgraph.single_object import single_object

@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 import trimesh
 import trimesh.sample
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 from scipy.spatial.transform import Rotation
+from trimesh.exchange.obj import export_obj
 
 from objgraph.datasets import load_scan
 from objgraph.datasets.scan2cad import load_aligned_models, match_models
@@ -38,7 +39,7 @@ def _write_mesh(shapenet, catalog, name, size):
     mesh = trimesh.creation.box(size)
     mesh.apply_translation([0, 0.1, 0])  # ShapeNet's meshes are not centred on their boxes
     # the reader must do without the material file that the mesh names
-    text = "mtllib absent.mtl\nusemtl wood\n" + trimesh.exchange.obj.export_obj(mesh)
+    text = "mtllib absent.mtl\nusemtl wood\n" + export_obj(mesh)
     write_bytes(shapenet / "ShapeNetCore.v2" / catalog / name / "models/model_normalized.obj", text.encode())
     return mesh
 
@@ -171,7 +172,7 @@ def test_real_models_fit_the_masked_depth(shared_data, real_points):
     for index, model in enumerate(models):
         mesh = trimesh.Trimesh(_placed(model.truth), model.truth.faces, process=False)
         surface = trimesh.sample.sample_surface(mesh, 100_000, seed=0)[0]
-        medians.append(1000 * np.median(cKDTree(surface).query(real_points[index + 1])[0]))
+        medians.append(1000 * np.median(KDTree(surface).query(real_points[index + 1])[0]))
     # the medians that the data's description states, in millimetres
     np.testing.assert_allclose(medians, [8, 16, 22, 17, 8, 4, 38], atol=3)
 

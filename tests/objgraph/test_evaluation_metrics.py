@@ -112,7 +112,7 @@ def test_solids_do_not_depend_on_orientation_overlap_or_seams():
     inverted = BALL.copy()
     inverted.invert()
     soup = trimesh.Trimesh(BALL.triangles.reshape(-1, 3), np.arange(3 * len(BALL.faces)).reshape(-1, 3))
-    doubled = trimesh.util.concatenate([BALL, BALL])
+    doubled = BALL + BALL
     for mesh in (inverted, soup, doubled):
         assert volume_iou(placed(mesh), placed(BALL)) == pytest.approx(1.0, abs=1e-6)
 

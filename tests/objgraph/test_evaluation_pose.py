@@ -21,7 +21,7 @@ def rigid(rotvec=(0.0, 0.0, 0.0), translation=(0.0, 0.0, 0.0)):
     return T
 
 
-def placed(T=None, scale=(1.0, 1.0, 1.0), vertices=BOX.vertices, faces=BOX.faces):
+def placed(T=None, scale=(1.0, 1.0, 1.0), vertices: np.ndarray = BOX.vertices, faces=BOX.faces):
     T = np.eye(4) if T is None else T
     return PlacedMesh("a box", T, np.array(scale), np.asarray(vertices), np.asarray(faces))
 

@@ -2,6 +2,7 @@
 
 import json
 import os
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,8 +13,9 @@ from scipy.spatial.transform import Rotation
 
 from objgraph import map_files
 from objgraph.errors import MapError
-from objgraph.map import COVARIANCE_AXES, EVALUATION_KEYS, MappedObject, ObjectMap, PriorReference
+from objgraph.map import ObjectMap
 from objgraph.map_estimate import OtherEstimate
+from objgraph.mapped_object import COVARIANCE_AXES, EVALUATION_KEYS, MappedObject, PriorReference
 
 UP = np.array([0.0, 0.0, 1.0])
 JSON_NAMES = [
@@ -43,7 +45,7 @@ JSON_NAMES = [
 ]
 
 
-def other(seed: int = 0, **changes) -> OtherEstimate:
+def other(seed: int = 0, **changes: Any) -> OtherEstimate:
     rng = np.random.default_rng(seed)
     T = np.eye(4)
     T[:3, :3] = Rotation.random(rng=rng).as_matrix()
@@ -179,6 +181,8 @@ def test_the_glb_is_in_the_world_frame_with_colours_that_follow_sigma(tmp_path):
     ObjectMap("room", (entry,), UP).save(tmp_path)
     (path,) = tmp_path.glob("*.glb")
     mesh = trimesh.load_scene(path, process=False).to_mesh()
+    assert entry.vertices is not None
+    assert entry.vertex_sigma is not None
     np.testing.assert_allclose(
         mesh.bounds, [entry.vertices.min(axis=0), entry.vertices.max(axis=0)], atol=1e-6
     )
@@ -223,6 +227,8 @@ def test_arrays_are_read_only_double_copies():
     code = np.ones(8, np.float32)
     entry = mapped(code=code)
     code[0] = 7
+    assert entry.code is not None
+    assert entry.faces is not None
     assert entry.code.dtype == np.float64
     assert entry.code[0] == 1
     with pytest.raises(ValueError, match="read-only"):
@@ -292,7 +298,7 @@ def test_another_estimate_is_finite(name, value, where):
     array = np.array(getattr(other(), name))
     array.flat[where % array.size] = value
     with pytest.raises(MapError, match=f"other estimate: {name} is not finite"):
-        other(**{name: array})
+        other(0, **{name: array})
 
 
 @given(st.integers(0, 2**31))

@@ -7,7 +7,7 @@ from typing import Any
 import gtsam
 import numpy as np
 import pytest
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 from scipy.stats import chi2
 
 from factors.state import ObjectState
@@ -175,7 +175,7 @@ def test_evaluation_is_a_step_of_its_own(toy_map):
         assert errors["chamfer_m"] < 0.03
         found = entry(toy_map, instance).vertices
         true = np.asarray(toy_mesh(chair(instance).code).sample(3000, seed=0))
-        away = cKDTree(chair(instance).to_world(true)).query(found)[0]
+        away = KDTree(chair(instance).to_world(true)).query(found)[0]
         assert away.mean() < 0.05
     assert entry(measured, 4).evaluation["pose_correct"] is False
     assert entry(measured, 5).evaluation is None

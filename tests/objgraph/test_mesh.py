@@ -4,27 +4,41 @@ import numpy as np
 import pytest
 import torch
 import trimesh
-from torch import nn
 
 from factors.decoder import Decoder, DecoderConfig
+from factors.sdf_decoder import SdfDecoder
 from objgraph.errors import SolveError
 from objgraph.mesh import extract_mesh, to_world
 
 
-class Spheres(nn.Module):
-    """Stands in for a decoder: the union of spheres given as (x, y, z, radius) in the code."""
+class Spheres(SdfDecoder):
+    """The union of spheres given as (x, y, z, radius) in the code."""
 
     def __init__(self, count: int = 1, slope: float = 1.0) -> None:
         super().__init__()
-        self.code_length = 4 * count
+        self.count = count
         self.slope = slope
         self.evaluated = 0
 
-    def forward(self, points, codes, owner=None):
+    @property
+    def code_length(self):
+        return 4 * self.count
+
+    @property
+    def like(self):
+        return torch.zeros(())
+
+    def _inject(self, codes, owner, n):
+        return {"0": codes.expand(n, -1) if owner is None else codes[owner]}
+
+    def _network(self, points, injected):
         self.evaluated += len(points)
-        spheres = codes.reshape(-1, 4)
-        distance = torch.linalg.norm(points[:, None] - spheres[:, :3], dim=-1) - spheres[:, 3]
+        spheres = injected["0"].reshape(len(points), self.count, 4)
+        distance = torch.linalg.norm(points[:, None] - spheres[..., :3], dim=-1) - spheres[..., 3]
         return self.slope * distance.min(dim=1).values
+
+    def _code_gradient(self, d_injected):
+        return d_injected["0"]
 
 
 def test_a_sphere_has_the_area_and_volume_of_its_closed_form():

@@ -7,7 +7,8 @@ from PIL import Image
 
 from objgraph import figure, raster, views
 from objgraph.errors import MapError
-from objgraph.map import MappedObject, ObjectMap
+from objgraph.map import ObjectMap
+from objgraph.mapped_object import MappedObject
 from objgraph.picture import map_picture, object_picture
 
 UP = np.array([0.0, 0.0, 1.0])
@@ -98,8 +99,9 @@ def scene() -> tuple[ObjectMap, np.ndarray]:
     rng = np.random.default_rng(3)
     objects = []
     for i, x in enumerate((-0.8, 0.8)):
-        mesh = trimesh.creation.box(extents=(0.6, 0.6, 0.8)).subdivide_to_size(0.1)
-        vertices = np.asarray(mesh.vertices) + np.array([x, 0, 0.4])
+        box = trimesh.creation.box(extents=(0.6, 0.6, 0.8))
+        vertices, faces = trimesh.remesh.subdivide_to_size(box.vertices, box.faces, 0.1)[:2]
+        vertices = vertices + np.array([x, 0, 0.4])
         T = np.eye(4)
         T[:3, :3] = [[1, 0, 0], [0, 0, -1], [0, 1, 0]]
         T[:3, 3] = [x, 0, 0.4]
@@ -112,7 +114,7 @@ def scene() -> tuple[ObjectMap, np.ndarray]:
                 scale=np.ones(3),
                 code=np.zeros(2),
                 vertices=vertices,
-                faces=np.asarray(mesh.faces),
+                faces=faces,
                 vertex_sigma=0.03 * vertices[:, 2],
             )
         )
@@ -164,6 +166,7 @@ def test_the_object_picture_has_points_beside_the_mesh(tmp_path):
     object_map, _ = scene()
     entry = object_map.objects[0]
     path = tmp_path / "object.png"
+    assert entry.vertices is not None
     object_picture(entry, entry.vertices, None, UP, path, width=600)
     picture = opened(path)
     saturation = picture.max(axis=2) - picture.min(axis=2)

@@ -142,6 +142,7 @@ def test_a_converted_prior_has_this_library_s_scale(trained, codes, tmp_path, em
     torch.testing.assert_close(prior.decoder(points, code), there, atol=1e-5, rtol=0)
     np.testing.assert_allclose(prior.code_mean, codes.double().mean(0), atol=1e-6)
     np.testing.assert_allclose(prior.code_covariance, np.cov(codes.numpy().T), atol=2e-3)
+    assert prior.prototypes is not None
     assert {tuple(c) for c in prior.prototypes.astype(np.float32)} <= {tuple(c) for c in codes.numpy()}
     assert prior.card["data"]["training_shapes"] == 30
     assert prior.card["converted"]["epoch"] == 2000
@@ -277,7 +278,7 @@ def test_weights_that_are_none_are_named(trained, codes, tmp_path):
     far = Reference(nn.utils.weight_norm)
     far.load_state_dict(trained.state_dict())
     with torch.no_grad():
-        far.lin3.bias += 9
+        far.lin3.bias.add_(9)
     with pytest.raises(PriorError, match=r"latest\.pth: none of 1 typical codes has a surface"):
         convert(settings(write(tmp_path / "far", far)))
 

@@ -87,6 +87,7 @@ def test_it_is_labelled_wherever_it_is_told_of(bin_map, tmp_path):
     bin_map.save(tmp_path)
     for object_map in (bin_map, ObjectMap.load(tmp_path)):
         (found,) = object_map.objects
+        assert found.prior is not None
         assert (found.category, found.prior.name, found.prior.fallback) == ("trash can", "superquadric", True)
         table = map_table(object_map)
         assert "trash can*" in list(table.columns[1].cells)
@@ -114,6 +115,7 @@ def test_a_prior_of_your_own_comes_first(bin_scan, tmp_path, monkeypatch):
     path = tmp_path / "bin.safetensors"
     save_prior(replace(fallback_prior("Trash Can"), card={"data": "mine"}), path)
     (found,) = map_scan(bin_scan, replace(CONFIG, priors=(str(path),), views=1)).objects
+    assert found.prior is not None
     assert (found.prior.name, found.prior.fallback) == ("Trash Can", False)
     own = replace(toy_prior(), category="chair")
     assert prior_for("armchair", [own]) is own

@@ -11,7 +11,8 @@ from rich.console import Console
 from scipy.spatial.transform import Rotation
 
 from objgraph import summary
-from objgraph.map import MappedObject, ObjectMap
+from objgraph.map import ObjectMap
+from objgraph.mapped_object import MappedObject
 from objgraph.report import evaluation_summary, evaluation_table, map_table
 
 UP = np.array([0.0, 0.0, 1.0])

@@ -259,6 +259,8 @@ def test_an_undetermined_problem_is_solved_as_far_as_it_goes():
 class Recorded(Problem):
     """A problem that remembers its slope and its cost after every refresh."""
 
+    refreshed: list[tuple[float, float]]
+
     def refresh(self, slope):
         super().refresh(slope)
         self.refreshed.append((slope, self.graph.error(self.values)))

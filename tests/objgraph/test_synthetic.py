@@ -138,6 +138,8 @@ def test_files_have_scannets_forms(tmp_path):
     scan = root / "scannet" / "scans" / SMALL.name
     depth = cv2.imread(str(scan / "depth" / "0.png"), cv2.IMREAD_UNCHANGED)
     masks = cv2.imread(str(scan / "instance-filt" / "0.png"), cv2.IMREAD_UNCHANGED)
+    assert depth is not None
+    assert masks is not None
     assert (depth.dtype, masks.dtype, depth.shape, masks.shape) == (np.uint16, np.uint8, (60, 80), (60, 80))
     assert 500 < np.median(depth[depth > 0]) < 6000  # millimetres
     K = np.loadtxt(scan / "intrinsic" / "intrinsic_depth.txt")

@@ -1,5 +1,7 @@
 """Furniture, layout, camera, rendering and sensor of the sample scene."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 import trimesh
@@ -15,7 +17,9 @@ from objgraph.synthetic.render import Renderer
 from objgraph.synthetic.scene import RoomConfig, furnish, overlap, room_shell
 from objgraph.synthetic.sensor import SensorConfig, sense_depth, sense_masks
 
-ALL = [(category, family) for category, families in FAMILIES.items() for family in families]
+ALL: list[tuple[Any, str]] = [
+    (category, family) for category, families in FAMILIES.items() for family in families
+]
 ROOM = RoomConfig()
 
 
