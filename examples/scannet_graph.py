@@ -17,7 +17,7 @@ from rich.console import Console
 from rich.progress import track
 
 from factors.base import Annealing
-from factors.depth import DepthFactor
+from factors.depth import DepthFactor, RaySampling
 from factors.full_distribution import FullDistribution
 from factors.priors import code_prior, scale_prior, upright_prior
 from factors.state import ObjectKeys, ObjectState
@@ -107,8 +107,16 @@ def main(arguments: Arguments) -> None:
         if floor is not None:  # nothing of an object lies below the floor: rays from underneath end at it
             points = np.concatenate([view.points_world for view in views])
             T_world_below, rays = rays_from_below(points, scan.up_world, floor)
+            little = RaySampling(coarse=4, cells=4)  # of the object's box is under the floor
             factors.append(
-                DepthFactor(keys, prior.decoder, T_world_below, rays, prior_sigma=prior.residual_sigma)
+                DepthFactor(
+                    keys,
+                    prior.decoder,
+                    T_world_below,
+                    rays,
+                    prior_sigma=prior.residual_sigma,
+                    sampling=little,
+                )
             )
         for factor in factors:
             graph.push_back(factor.gtsam_factor())

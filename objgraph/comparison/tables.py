@@ -85,10 +85,10 @@ def attainable_table(entries: Sequence[Entry], data: str) -> Grid:
     )
     caption = (
         "In metres, over the points that are kept with each object. The second figure is what errors would have that are "
-        "Gaussian with exactly these standard deviations: more is not to be had without wider differences among them."
+        "Gaussian with exactly these standard deviations: much more is not to be had without wider differences among them."
     )
     header = ("Objects", "Method", "Pearson", "of Gaussian errors")
-    return Grid(f"Correlation and how much of it there could be ({data})", header, (rows,), caption)
+    return Grid(f"Correlation and how much of it there could be ({data})", header, (rows,), caption, words=2)
 
 
 def medians_table(entries: Sequence[Entry], data: str) -> Grid:
