@@ -14,9 +14,10 @@ from objgraph.association import Detection, MappedCandidate, associate, duplicat
 from objgraph.covariance import ObjectCovariance
 from objgraph.errors import ObjectGraphError
 from objgraph.graph import ObjectGraph
-from objgraph.incremental.config import IncrementalConfig, Tolerance
+from objgraph.incremental.config import IncrementalConfig
 from objgraph.incremental.motion import Motion, anchored, moved, relative_covariance
 from objgraph.incremental.pending import PendingObject, first_estimate
+from objgraph.incremental.places import Places
 from objgraph.incremental.system import IncrementalSystem
 from objgraph.incremental.tracked import TrackedObject
 from objgraph.observation import Frame, Instance
@@ -71,7 +72,7 @@ class IncrementalObjectGraph:
         self._find_prior = find_prior
         self._pending: list[PendingObject] = []
         self._odometry: gtsam.Pose3 | None = None
-        self._centres: dict[str, Float[np.ndarray, 3]] = {}
+        self._centres = Places[TrackedObject]()
         self._started = 0
         self._turn = 0
 
@@ -142,18 +143,15 @@ class IncrementalObjectGraph:
         names = tuple(entry.name for entry, _ in seen)
         return FrameReport(frame.name, camera, names, tuple(entered), self.pending, (*reasons, *why))
 
-    def optimize(self, rounds: int = 10, strictness: float = 10.0) -> None:
-        """Linearise the whole map anew until nothing changes: what a batch optimisation would give.
+    def optimize(self, rounds: int = 2) -> None:
+        """Solve the whole map as one nonlinear problem, each round with samples drawn where the last one ended.
 
-        Observations are renewed after a `strictness`-th of the changes that `update` lets pass.
+        Costs as much as the map is large. What it finds is the optimum of `batch()` as that is frozen afterwards.
+
+        Raises:
+            SolveError: the map cannot be solved as a whole; it is as it was before.
         """
-        limits = vars(self.config.tolerance)
-        tight = Tolerance(**{name: value / strictness for name, value in limits.items()})
-        for _ in range(rounds):
-            renewed = self.system.renew(self.objects, tight)
-            self.system.commit()
-            if not renewed:
-                break
+        self.system.solve_whole(rounds)
         self._note_centres(self.objects)
 
     def batch(self) -> ObjectGraph:
@@ -202,10 +200,8 @@ class IncrementalObjectGraph:
         """Objects that a frame's detections may be of, by where they were last seen to be."""
         if not views or not self.objects:
             return []
-        centres = np.array([self._centres[entry.name] for entry in self.objects])
         seen = np.array([view.points_world.mean(axis=0) for view, _ in views])
-        distance = np.linalg.norm(centres[:, None] - seen, axis=2).min(axis=1)
-        return [self.objects[i] for i in np.flatnonzero(distance < _NEARBY)]
+        return self._centres.near(seen, _NEARBY)
 
     def _candidate(self, entry: TrackedObject | PendingObject, motion: Motion) -> MappedCandidate:
         if isinstance(entry, TrackedObject):
@@ -213,8 +209,10 @@ class IncrementalObjectGraph:
                 self.state(entry), lambda: motion.with_camera(self.joint_marginals(entry, motion.known))
             )
         first = entry.views[0][0]
-        between = self.system.smoother.covariance(list(dict.fromkeys([first, *motion.known])))
-        return entry.candidate(relative_covariance(between, self.pose(first), motion))
+        keys = list(dict.fromkeys([first, *motion.known]))
+        return entry.candidate(
+            lambda: relative_covariance(self.system.smoother.covariance(keys), self.pose(first), motion)
+        )
 
     def _take_in(
         self,
@@ -258,7 +256,7 @@ class IncrementalObjectGraph:
 
     def _note_centres(self, entries: Sequence[TrackedObject]) -> None:
         for entry in entries:
-            self._centres[entry.name] = self.pose(entry.keys.pose).translation().copy()
+            self._centres.put(entry.name, entry, self.pose(entry.keys.pose).translation())
 
     def _begin(self, view: ObjectView, prior: ShapePrior, camera: int) -> list[str]:
         """Start an object that waits for more views; why not, if it cannot be."""
@@ -312,7 +310,11 @@ class IncrementalObjectGraph:
         entry = TrackedObject(pending.name, ObjectKeys.numbered(pending.index), pending.prior)
         system.add_object(entry, pending.estimate.state, pending.views)
         self._note_centres([entry])
-        return self._merge([entry, *near])
+        try:
+            return self._merge([entry, *near])
+        except ObjectGraphError as error:  # the object is in the map by now
+            _LOG.warning("%s is not merged with its neighbours: %s", entry.name, error)
+            return [f"{entry.name} is not merged with its neighbours: {error}"]
 
     def _merge(self, entries: Sequence[TrackedObject]) -> list[str]:
         """Where the map has one thing twice, give its views to the one that is better known."""
@@ -320,7 +322,7 @@ class IncrementalObjectGraph:
         for merge in duplicates([self._alone(entry) for entry in entries], self.config.association):
             keep, drop = entries[merge.keep], entries[merge.drop]
             self.system.adopt(keep, drop.placed_views, instead_of=drop)
-            del self._centres[drop.name]
+            self._centres.remove(drop.name)
             reasons.append(merge.reason)
         return reasons
 

@@ -1,11 +1,13 @@
 """Objects that have been seen but not often enough to enter the map."""
 
 import itertools
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import gtsam
 import numpy as np
 from jaxtyping import Float
+from scipy.linalg import block_diag
 
 from objgraph.association import MappedCandidate
 from objgraph.errors import ObjectGraphError, SolveError
@@ -36,16 +38,13 @@ class PendingObject:
         self.views.append((camera, view))
         self.last_seen = number
 
-    def candidate(self, camera: Float[np.ndarray, "6 6"] | None = None) -> MappedCandidate:
-        """What association needs; `camera` is the covariance of the new camera's pose in the first view's frame."""
+    def candidate(self, camera: Callable[[], Float[np.ndarray, "6 6"]] | None = None) -> MappedCandidate:
+        """What association needs; `camera` gives the covariance of the new camera's pose in the first view's frame."""
         assert self.estimate.covariance is not None
-        joint = self.estimate.covariance.matrix
-        if camera is not None:
-            joint = np.block([[joint, np.zeros((len(joint), 6))], [np.zeros((6, len(joint))), camera]])
-        prior = self.prior
+        own, prior = self.estimate.covariance.matrix, self.prior
         return MappedCandidate(
-            self.name, prior.category, prior.decoder, self.estimate.state, lambda: joint,
-            prior.residual_sigma,
+            self.name, prior.category, prior.decoder, self.estimate.state,
+            lambda: own if camera is None else np.asarray(block_diag(own, camera())), prior.residual_sigma,
         )  # fmt: skip
 
     def is_ripe(self, cameras: dict[int, gtsam.Pose3], config: IncrementalConfig) -> bool:

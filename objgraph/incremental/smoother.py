@@ -1,7 +1,8 @@
 """An incremental smoother that is either updated or left as it was: GTSAM's ISAM2, with or without a fixed lag."""
 
 import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
+from typing import TypeVar
 
 import gtsam
 import numpy as np
@@ -9,6 +10,8 @@ from jaxtyping import Float
 
 from factors.keys import readable_key
 from objgraph.errors import SolveError
+
+_T = TypeVar("_T")
 
 
 class Smoother:
@@ -48,11 +51,17 @@ class Smoother:
         to live on.
 
         Raises:
-            SolveError: the system cannot be solved, or a factor could not be evaluated; nothing has been changed.
+            SolveError: the system cannot be solved, or a factor could not be evaluated or is not there to be removed;
+                nothing has been changed.
         """
         graph = gtsam.NonlinearFactorGraph()
         for factor in factors:
             graph.push_back(factor)
+        gone = [number for number in remove if not self.holds(number)]
+        if gone:
+            raise SolveError(
+                f"factors {gone} cannot be removed: they are not in the incremental system any more"
+            )
         slots = [self._slots[number] for number in remove]
         before = None if self._lag is None else self._listed()
         try:
@@ -72,6 +81,33 @@ class Smoother:
             self._forget()
         return numbers
 
+    def settle(self) -> None:
+        """Bring every variable to the least cost that the factors have, linearised there; costs as much as the map is large.
+
+        Levenberg-Marquardt on all factors as they are, so that nothing is left of steps that were too small to be
+        carried on, or of linearisation points that were near enough.
+
+        Raises:
+            SolveError: the system cannot be solved; nothing has been changed.
+        """
+        graph, slots = self._graph()
+        if not graph.size():
+            return
+        params = gtsam.LevenbergMarquardtParams()
+        params.setRelativeErrorTol(1e-10)
+        try:
+            start = self._isam.calculateBestEstimate().extract(graph.keyVector())
+            best = gtsam.LevenbergMarquardtOptimizer(graph, start, params).optimize()
+            self._rebuild(graph, slots, best)
+        except Exception as error:  # as in `update`
+            raise SolveError(f"the incremental map cannot be settled: {error}") from error
+
+    def factors_without(self, numbers: Collection[int]) -> list[gtsam.NonlinearFactor]:
+        """All factors but those of these numbers; with a lag, what it has made of variables past it among them."""
+        graph, slots = self._graph()
+        out = {slots[number] for number in numbers}
+        return [graph.at(i) for i in range(graph.size()) if i not in out]
+
     def has(self, key: int) -> bool:
         return self._isam.valueExists(key)
 
@@ -90,10 +126,14 @@ class Smoother:
         return self._isam.calculateEstimate()
 
     def marginal_factors(self, keys: Sequence[int]) -> list[gtsam.LinearContainerFactor]:
-        """Factors on `keys` alone that say of them what the whole system does; raises SolveError for an unknown key."""
+        """Factors on `keys` alone that say of them what the whole system does.
+
+        Raises:
+            SolveError: a key is not in the system, or the system does not determine it.
+        """
         self._check(keys)
         point = self._isam.getLinearizationPoint()
-        joint = self._isam.joint(gtsam.KeyVector(list(keys)))
+        joint = _determined(keys, self._isam.joint)
         parts = [joint.at(i) for i in range(joint.size())]
         return [
             gtsam.LinearContainerFactor(part, point.extract(gtsam.KeyVector(list(part.keys()))))
@@ -101,9 +141,9 @@ class Smoother:
         ]
 
     def covariance(self, keys: Sequence[int]) -> Float[np.ndarray, "d d"]:
-        """Joint marginal covariance of `keys`, in their order; raises SolveError for an unknown key."""
+        """Joint marginal covariance of `keys`, in their order; raises SolveError as `marginal_factors` does."""
         self._check(keys)
-        return np.array(self._isam.jointMarginalCovariance(gtsam.KeyVector(list(keys))).fullMatrix())
+        return np.array(_determined(keys, self._isam.jointMarginalCovariance).fullMatrix())
 
     @property
     def _isam(self) -> gtsam.ISAM2:
@@ -140,25 +180,39 @@ class Smoother:
         graph = self._isam.getFactorsUnsafe()  # the list itself: it changes with the next update
         return [graph.at(i) if graph.exists(i) else None for i in range(graph.size())]
 
-    def _restore(self, listed: Sequence[gtsam.NonlinearFactor | None] | None) -> None:
-        """Build the system anew; `listed` are its factors before, where it has made some of its own."""
-        point = self._isam.getLinearizationPoint()
-        graph, slots = gtsam.NonlinearFactorGraph(), {}
-        if listed is None:
-            known = list(self._factors.items())
+    def _graph(
+        self, listed: Sequence[gtsam.NonlinearFactor | None] | None = None
+    ) -> tuple[gtsam.NonlinearFactorGraph, dict[int, int]]:
+        """All factors and the slots of those that have a number; `listed` are those there are, by their slots now."""
+        if listed is None and self._lag is None:
+            known = [*self._factors.items()]
         else:
             number_of = {slot: number for number, slot in self._slots.items()}
+            listed = self._listed() if listed is None else listed
             known = [
                 (number_of.get(slot), factor) for slot, factor in enumerate(listed) if factor is not None
             ]
+        graph, slots = gtsam.NonlinearFactorGraph(), {}
         for number, factor in known:
             if number is not None:
                 slots[number] = graph.size()
             graph.push_back(factor)
-        values = point.extract(graph.keyVector())
-        self._system = self._empty()
-        if graph.size():
-            self._step(graph, values, [], None, self._times)
+        return graph, slots
+
+    def _restore(self, listed: Sequence[gtsam.NonlinearFactor | None] | None) -> None:
+        """Build the system anew as it was; `listed` are its factors before, where it has made some of its own."""
+        graph, slots = self._graph(listed)
+        self._rebuild(graph, slots, self._isam.getLinearizationPoint().extract(graph.keyVector()))
+
+    def _rebuild(self, graph: gtsam.NonlinearFactorGraph, slots: dict[int, int], point: gtsam.Values) -> None:
+        """A system of these factors, linearised at `point`; where that fails, the one before stays."""
+        before, self._system = self._system, self._empty()
+        try:
+            if graph.size():
+                self._step(graph, point, [], None, self._times)
+        except Exception:
+            self._system = before
+            raise
         self._slots = slots
 
     def _forget(self) -> None:
@@ -173,3 +227,11 @@ class Smoother:
         missing = [readable_key(key) for key in keys if not self.has(key)]
         if missing:
             raise SolveError(f"{', '.join(missing)}: not in the incremental system (or past its lag)")
+
+
+def _determined(keys: Sequence[int], query: Callable[[gtsam.KeyVector], _T]) -> _T:
+    try:
+        return query(gtsam.KeyVector([*keys]))
+    except RuntimeError as error:  # GTSAM's "indeterminate linear system"
+        names = ", ".join(readable_key(key) for key in keys)
+        raise SolveError(f"{names}: the incremental system hardly determines them: {error}") from error

@@ -12,12 +12,19 @@ from factors.state import ObjectState
 from objgraph.errors import SolveError
 from objgraph.graph import ObjectGraph
 from objgraph.incremental.config import IncrementalConfig, Tolerance
+from objgraph.incremental.local import at_optimum, settled, solved
 from objgraph.incremental.smoother import Smoother
-from objgraph.incremental.tracked import Observation, TrackedObject, linearize
+from objgraph.incremental.tracked import (
+    Observation,
+    TrackedObject,
+    freeze,
+    linearize,
+    linearize_frozen,
+)
 from objgraph.object_factors import floor_factor, state_priors, view_factors
 from objgraph.sampling import ObjectView
 from objgraph.single_object import single_object
-from objgraph.solve import Problem, solve
+from objgraph.solve import solve
 
 _RESOLVED = 12
 """Views at most with which an object is solved again."""
@@ -61,6 +68,14 @@ class IncrementalSystem:
             for camera, view in placed
         ]
 
+    def on_floor(self, entry: TrackedObject, placed: Sequence[Placed]) -> list[Observation]:
+        """What the floor says of a new object that these views show; empty where it is not known where the floor is."""
+        if self.floor is None:
+            return []
+        views = [view.at(self.pose(camera)) for camera, view in placed]
+        floor = floor_factor(entry.prior, entry.keys, views, self.up_world, self.floor, self.config.graph)
+        return [Observation([floor], None)]
+
     def solved(
         self,
         entries: Sequence[TrackedObject],
@@ -73,20 +88,12 @@ class IncrementalSystem:
 
         `values` has the variables that are not in the map, `factors` what is known of those. Raises SolveError.
         """
-        keys = [*cameras, *(key for entry in entries for key in entry.keys)]
-        graph, start = gtsam.NonlinearFactorGraph(), gtsam.Values(values)
-        for factor in (*self.smoother.marginal_factors(keys), *factors):
-            graph.push_back(factor)
-        own = [factor for observation in observations for factor in observation.factors]
-        for factor in own:
-            graph.push_back(factor.gtsam_factor())
-        start.insert(self.estimates(entries, cameras))
         name = ", ".join(entry.name for entry in entries)
-        problem = Problem(name, graph, start, own)
-        solve([problem], self.config.tracking)
-        if problem.failure is not None:
-            raise SolveError(f"{name}: {problem.failure}")
-        return problem.values
+        keys = [*cameras, *(key for entry in entries for key in entry.keys)]
+        known = [*self.smoother.marginal_factors(keys), *factors]
+        start = gtsam.Values(values)
+        start.insert(self.estimates(entries, cameras))
+        return solved(name, known, observations, start, self.config).values
 
     def add_frame(
         self,
@@ -112,26 +119,41 @@ class IncrementalSystem:
             entry.observations.append(observation)
 
     def add_object(self, entry: TrackedObject, state: ObjectState, placed: Sequence[Placed]) -> None:
-        """An object at `state` with its priors and its views, from cameras of the map.
+        """An object with its priors and its views, from cameras of the map.
+
+        It is solved against the map before it enters, beginning at `state`: the smoother's own steps have no damping.
+
+        Raises:
+            SolveError: it has no optimum near `state`, or the smoother fails; nothing has been changed.
+        """
+        observations = [*self.observations(entry, placed), *self.on_floor(entry, placed)]
+        cameras = sorted({camera for camera, _ in placed})
+        start = self.estimates([], cameras)
+        state.insert(start, entry.keys)
+        priors = state_priors(entry.prior, entry.keys, self.config.graph, self.up_world)
+        known = [*self.smoother.marginal_factors(cameras), *priors]
+        problem = solved(entry.name, known, observations, start, self.config)
+        freeze(observations, problem.values, self.slope)
+        at = settled(problem, priors, observations, self.config)
+        self.enter(entry, priors, observations, linearize_frozen(observations, at), at)
+
+    def enter(
+        self,
+        entry: TrackedObject,
+        priors: Sequence[gtsam.NonlinearFactor],
+        observations: Sequence[Observation],
+        quadratics: Sequence[gtsam.LinearContainerFactor],
+        at: gtsam.Values,
+    ) -> None:
+        """An object that is solved already, with its observations' quadratics at `at`, which also has its variables.
 
         Raises:
             SolveError: nothing has been changed.
         """
-        observations = self.observations(entry, placed)
-        if self.floor is not None:
-            views = [view.at(self.pose(camera)) for camera, view in placed]
-            floor = floor_factor(entry.prior, entry.keys, views, self.up_world, self.floor, self.config.graph)
-            observations.append(Observation([floor], None))
-        values = gtsam.Values()
-        state.insert(values, entry.keys)
-        at = gtsam.Values(values)
-        at.insert(self.estimates([], [camera for camera, _ in placed]))
-        priors = state_priors(entry.prior, entry.keys, self.config.graph, self.up_world)
-        quadratics = linearize(observations, at, self.slope)
-        numbers = self.commit([*priors, *quadratics], values)
+        numbers = self.commit([*priors, *quadratics], at.extract(gtsam.KeyVector([*entry.keys])))
         entry.numbers = numbers[: len(priors)]
         _entered(observations, quadratics, numbers[len(priors) :], at)
-        entry.observations = observations
+        entry.observations = [*observations]
         self.objects.append(entry)
 
     def adopt(
@@ -200,6 +222,23 @@ class IncrementalSystem:
         values = self.estimates([], _cameras(entry.observations))
         single.state.insert(values, entry.keys)
         self._replace(entry.observations, linearize(entry.observations, values, self.slope), values)
+
+    def solve_whole(self, rounds: int) -> None:
+        """Solve everything nonlinearly, all observations' samples drawn anew in every round, and linearise it all there.
+
+        Raises:
+            SolveError: nothing has been changed.
+        """
+        for entry in self.objects:
+            self._prune(entry)
+        observations = [observation for entry in self.objects for observation in entry.observations]
+        others = self.smoother.factors_without({observation.number for observation in observations})
+        values = self.smoother.estimate()
+        for _ in range(rounds):
+            freeze(observations, values, self.slope)
+            values = at_optimum("the map", others, observations, values)
+        self._replace(observations, linearize_frozen(observations, values), values)
+        self.smoother.settle()
 
     def commit(
         self,

@@ -83,7 +83,12 @@ class TrackedObject:
         motion = gtsam.Pose3.Logmap(observation.point.atPose3(camera).between(values.atPose3(camera)))
         return bool(np.abs(motion).max() > _TRAVELLED)
 
-    def departure(self, observation: Observation, values: gtsam.Values, tolerance: Tolerance) -> float:
+    def departure(
+        self,
+        observation: Observation,
+        values: gtsam.Values,
+        tolerance: Tolerance,
+    ) -> float:
         """How far an observation is from where it was linearised; more than 1 is too far."""
         factor = observation.factors[0]
         now, then = (_relative(factor, at) for at in (values, observation.point))
@@ -102,10 +107,22 @@ def linearize(
     observations: Sequence[Observation], values: gtsam.Values, slope: float
 ) -> list[gtsam.LinearContainerFactor]:
     """Freeze the observations at `values` and make their quadratics there; all decode together."""
-    factors = [factor for observation in observations for factor in observation.factors]
-    for factor in factors:
-        factor.refresh(values, Annealing(slope))
-    prefetch(factors, values, jacobian=True)
+    freeze(observations, values, slope)
+    return linearize_frozen(observations, values)
+
+
+def freeze(observations: Sequence[Observation], values: gtsam.Values, slope: float) -> None:
+    """Draw the observations' samples, and take their noise, at `values`."""
+    for observation in observations:
+        for factor in observation.factors:
+            factor.refresh(values, Annealing(slope))
+
+
+def linearize_frozen(
+    observations: Sequence[Observation], values: gtsam.Values
+) -> list[gtsam.LinearContainerFactor]:
+    """The observations' quadratics at `values`, with what is frozen as it is; all decode together."""
+    prefetch([factor for o in observations for factor in o.factors], values, jacobian=True)
     return [linearized(observation.factors, values) for observation in observations]
 
 

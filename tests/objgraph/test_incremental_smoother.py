@@ -1,9 +1,11 @@
 """Incremental updates on a plain pose graph: equal to batch, and taken back whole where they fail."""
 
+import gc
+
 import gtsam
 import numpy as np
 import pytest
-from gtsam.symbol_shorthand import X
+from gtsam.symbol_shorthand import O, X
 
 from objgraph.errors import SolveError
 from objgraph.incremental.smoother import Smoother
@@ -165,3 +167,136 @@ def test_what_is_not_there_is_named():
         smoother.covariance([X(1), X(7)])
     with pytest.raises(SolveError, match="x7"):
         smoother.marginal_factors([X(7)])
+
+
+def far_start() -> tuple[gtsam.NonlinearFactorGraph, gtsam.Values]:
+    """A loop whose first guess is bent."""
+    graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
+    graph.push_back(prior(X(0)))
+    for k in range(6):
+        graph.push_back(between(X(k), X((k + 1) % 6), gtsam.Pose3(gtsam.Rot3.Rz(np.pi / 3), [1.0, 0, 0])))
+        values.insert(X(k), gtsam.Pose3(gtsam.Rot3.Rz(0.7 * k), np.array([0.8 * k, 0.3, 0.1 * k])))
+    return graph, values
+
+
+def test_every_step_linearises_anew():
+    """GTSAM's own default is every tenth."""
+    graph, values = far_start()
+    factors = [graph.at(i) for i in range(graph.size())]
+    best = optimum(graph, values)
+    smoother, plain = Smoother(relinearize=1e-6), gtsam.ISAM2()
+    smoother.update(factors, values)
+    plain.update(graph, values)
+    for _ in range(7):
+        smoother.update()
+        plain.update()
+    cost = graph.error(best)
+    assert graph.error(smoother.estimate()) < cost + 1e-6
+    assert graph.error(plain.calculateEstimate()) > cost + 1e-3
+
+
+def test_settling_goes_to_the_optimum_at_once_and_numbers_stay():
+    graph, values = far_start()
+    smoother = Smoother()
+    numbers = smoother.update([graph.at(i) for i in range(graph.size())], values)
+    smoother.update(remove=[numbers[2]])
+    (again,) = smoother.update([graph.at(2)])
+    smoother.settle()
+    assert_is_optimum(smoother, graph)
+    assert all(smoother.holds(number) for number in (again, *numbers[3:]))
+    # and it goes on from there
+    smoother.update(remove=[again])
+    smoother.settle()
+    graph.remove(2)
+    assert_is_optimum(smoother, graph)
+
+
+def test_settling_behind_a_lag_keeps_what_was_marginalised():
+    smoother, graph = walk(12, lag=4.5)
+    before = smoother.covariance([X(11)])
+    smoother.settle()
+    assert not smoother.has(X(2))
+    # what went past the lag keeps its linearisation point; the rest has a new one
+    np.testing.assert_allclose(smoother.covariance([X(11)]), before, atol=0.03 * before.max())
+    best = optimum(graph, _chain(12))
+    np.testing.assert_allclose(smoother.pose(X(11)).matrix(), best.atPose3(X(11)).matrix(), atol=1e-3)
+    smoother.update(
+        [between(X(11), X(12))], value(X(12), smoother.pose(X(11))), newest=X(12), times={X(12): 12.0}
+    )
+    assert smoother.has(X(12))
+
+
+def test_settling_nothing_does_nothing():
+    smoother = Smoother()
+    smoother.settle()
+    assert smoother.estimate().size() == 0
+
+
+def affected(poses: int, grouped: bool) -> int:
+    """Variables that the next camera's factor would eliminate anew, where one object has been seen from all before."""
+    smoother = Smoother(relinearize=10.0)
+    smoother.update([prior(X(0))], value(X(0), gtsam.Pose3()), newest=X(0))
+    seen = value(O(0), gtsam.Pose3())
+    for k in range(1, poses):
+        step = value(X(k), smoother.pose(X(k - 1)).compose(STEP))
+        if k == 1:
+            step.insert(seen)
+        newest = X(k) if grouped else None
+        smoother.update([between(X(k - 1), X(k)), between(X(k), O(0))], step, newest=newest)
+    new = gtsam.NonlinearFactorGraph()
+    new.push_back(between(X(poses - 1), X(poses)))
+    values = value(X(poses), smoother.pose(X(poses - 1)))
+    keys, _ = smoother._isam.predictUpdateInfo(new, values, gtsam.ISAM2UpdateParams())
+    return keys.size()
+
+
+def test_what_the_next_camera_touches_does_not_grow_with_the_map():
+    """The newest camera is eliminated last; left to itself, GTSAM may have it anywhere."""
+    assert affected(40, grouped=True) == affected(160, grouped=True) < 6 < affected(160, grouped=False)
+
+
+def test_what_was_asked_for_does_not_change_with_later_steps():
+    """GTSAM's linearisation point and factors are the system's own, and change under whoever holds them."""
+    smoother, _ = walk(8)
+    held = smoother._isam.getLinearizationPoint()
+    keys, estimate = [X(2), X(6)], smoother.estimate()
+    marginal, covariance = smoother.marginal_factors(keys), smoother.covariance(keys)
+    poses = [smoother.pose(key) for key in keys]
+    values = estimate.extract(gtsam.KeyVector(keys))
+    copy, kept = gtsam.Values(values), covariance.copy()
+    errors = [factor.error(values) for factor in marginal]
+    size = held.size()
+    closing = between(X(0), X(7), gtsam.Pose3(gtsam.Rot3.Rz(1.0), np.array([0.2, 2.0, 0.0])))
+    smoother.update([closing, between(X(7), X(8))], value(X(8), gtsam.Pose3()), newest=X(8))
+    _settle(smoother)
+    assert held.size() == size + 1
+    smoother.settle()
+    del held
+    gc.collect()
+    assert not smoother.estimate().extract(gtsam.KeyVector(keys)).equals(copy, 1e-3)
+    assert estimate.extract(gtsam.KeyVector(keys)).equals(copy, 0.0)
+    assert [factor.error(values) for factor in marginal] == errors
+    np.testing.assert_array_equal(covariance, kept)
+    for key, pose in zip(keys, poses, strict=True):
+        assert pose.equals(copy.atPose3(key), 0.0)
+
+
+@pytest.mark.parametrize("lag", [None, 100.0])
+def test_a_slot_that_is_used_again_does_not_confuse_the_factors(lag):
+    smoother, graph = walk(6, lag)
+    (first,) = smoother.update([between(X(0), X(5), gtsam.Pose3())], newest=X(5))
+    smoother.update(remove=[first])
+    (second,) = smoother.update([prior(X(4))])
+    (third,) = smoother.update([prior(X(3))])
+    assert len({first, second, third}) == 3
+    assert not smoother.holds(first)
+    with pytest.raises(SolveError, match="not in the incremental system any more"):
+        smoother.update(remove=[first])
+    smoother.update(remove=[second])
+    graph.push_back(prior(X(3)))
+    _settle(smoother)
+    assert_is_optimum(smoother, graph)
+    smoother.update(remove=[third])
+    graph.remove(graph.size() - 1)
+    _settle(smoother)
+    assert_is_optimum(smoother, graph)

@@ -2,7 +2,9 @@
 
 Elsewhere: what a guarded factor refuses when it is linearised (factors/test_reduce.py, factors/test_observation_factors.py),
 GTSAM's own optimiser beside ours (test_solve.py), missing priors (test_covariance.py, test_diagnostics.py), the
-caller's optimiser after `refresh` and one part's failure beside the others (test_graph.py).
+caller's optimiser after `refresh` and one part's failure beside the others (test_graph.py), and ISAM2's: half updates, the
+newest camera's place, relinearisation, what refers to its insides, slots used again (test_incremental_smoother.py), and objects
+that start far off (test_incremental_entry.py).
 """
 
 import copy

@@ -1,0 +1,146 @@
+"""What enters the map is solved before it does: the smoother's own steps are not damped."""
+
+import contextlib
+from collections.abc import Sequence
+
+import gtsam
+import numpy as np
+from scipy.stats import chi2
+
+from factors.batch import prefetch
+from factors.sdf import metres_per_unit
+from factors.surface import SurfaceFactor
+from objgraph.errors import SolveError
+from objgraph.incremental.config import IncrementalConfig
+from objgraph.incremental.tracked import Observation
+from objgraph.solve import LevenbergMarquardtConfig, Problem, minimize, solve
+
+_CLOSELY = LevenbergMarquardtConfig(iterations=20, relative_tolerance=1e-5)
+"""Where an object enters: what is then left to go is for the smoother's first step."""
+_EXACTLY = LevenbergMarquardtConfig(iterations=8, relative_tolerance=1e-5)
+_SHARES = (1.0, 0.5, 0.25, 0.125)
+"""Of a full step that are tried, the longest first."""
+_STEPS = 12
+_LITTLE = 1e-3
+"""Cost (half a chi-squared) that a step must gain for another one to be worth it."""
+_PLAUSIBLE = 1 - 1e-6
+"""Share of all objects, if the priors are right, that are less unlike their mean."""
+_RISE = 0.5
+"""Cost (half a chi-squared) by which an undamped step may lead uphill."""
+
+
+def solved(
+    name: str,
+    known: Sequence[gtsam.NonlinearFactor],
+    observations: Sequence[Observation],
+    start: gtsam.Values,
+    config: IncrementalConfig,
+) -> Problem:
+    """The variables of `start`, of which `known` says what the observations do not; raises SolveError."""
+    problem = _problem(name, known, observations, start)
+    solve([problem], config.tracking)
+    if problem.failure is not None:
+        raise SolveError(f"{name}: {problem.failure}")
+    return problem
+
+
+def at_optimum(
+    name: str,
+    known: Sequence[gtsam.NonlinearFactor],
+    observations: Sequence[Observation],
+    start: gtsam.Values,
+) -> gtsam.Values:
+    """As `solved`, with everything frozen as it is and until nothing is left to gain."""
+    problem = _problem(name, known, observations, start)
+    minimized(problem, _EXACTLY)
+    polish(problem)
+    return problem.values
+
+
+def minimized(problem: Problem, config: LevenbergMarquardtConfig) -> None:
+    """`minimize` to the last digit: where nothing is left to gain, the gain ratio of a step that is kept overflows."""
+    with contextlib.suppress(OverflowError):
+        minimize(problem, config)
+
+
+def polish(problem: Problem) -> None:
+    """Go on along undamped steps, as far along each as pays.
+
+    Damping holds back what all objects and cameras do together, of which every factor says little; kinks of the
+    decoder hold back full steps.
+    """
+    for _ in range(_STEPS):
+        prefetch(problem.factors, problem.values, jacobian=True)
+        step, cost = problem.graph.linearize(problem.values).optimize(), problem.cost
+        for share in _SHARES:
+            trial = problem.values.retract(step.scale(share))
+            if (at_trial := problem.graph.error(trial)) < problem.cost:
+                problem.values, problem.cost = trial, at_trial
+                break
+        if not problem.cost < cost - _LITTLE:
+            return
+
+
+def _problem(
+    name: str,
+    known: Sequence[gtsam.NonlinearFactor],
+    observations: Sequence[Observation],
+    start: gtsam.Values,
+) -> Problem:
+    graph = gtsam.NonlinearFactorGraph()
+    for factor in known:
+        graph.push_back(factor)
+    own = [factor for observation in observations for factor in observation.factors]
+    for factor in own:
+        graph.push_back(factor.gtsam_factor())
+    return Problem(name, graph, start, own)
+
+
+def settled(
+    problem: Problem,
+    priors: Sequence[gtsam.NonlinearFactor],
+    observations: Sequence[Observation],
+    config: IncrementalConfig,
+) -> gtsam.Values:
+    """A solved problem's optimum with everything frozen as it is, if it is one to begin from.
+
+    Raises:
+        SolveError: an undamped step leads uphill, or what is there is unlike all that the `priors` know, or elsewhere
+            than the views: the start was too far off.
+    """
+    minimized(problem, _CLOSELY)
+    step = problem.graph.linearize(problem.values).optimize()
+    rise = problem.graph.error(problem.values.retract(step)) - problem.cost
+    if not rise < _RISE:
+        raise SolveError(_too_far(problem, f"a full step from there costs {rise:.1f} more"))
+    squared = 2 * sum(factor.error(problem.values) for factor in priors)
+    limit = chi2.ppf(_PLAUSIBLE, sum(factor.dim() for factor in priors))
+    if squared > limit:
+        raise SolveError(
+            _too_far(problem, f"its priors' chi-squared there is {squared:.0f}, above {limit:.0f}")
+        )
+    limits = config.association
+    on_surface = _share_on_surface(observations, problem.values, limits.distance)
+    if on_surface < limits.overlap:
+        raise SolveError(
+            _too_far(problem, f"only {on_surface:.0%} of its seen points lie on its surface there")
+        )
+    return problem.values
+
+
+def _too_far(problem: Problem, why: str) -> str:
+    return (
+        f"{problem.name}: the best place that was found for it is none ({why}): "
+        "start it nearer to its place, or with more views"
+    )
+
+
+def _share_on_surface(observations: Sequence[Observation], values: gtsam.Values, distance: float) -> float:
+    """Of all seen points, how many are within `distance` (metres) of the surface."""
+    near = []
+    for factor in (factor for observation in observations for factor in observation.factors):
+        if isinstance(factor, SurfaceFactor):
+            query = factor.query(values)
+            jet = factor.decoder.linearize(query.p_object, query.code[None])
+            near.append((metres_per_unit(jet.d_point, query.state) * jet.value).abs() <= distance)
+    return float(np.mean(np.concatenate([part.cpu().numpy() for part in near]))) if near else 1.0

@@ -1,0 +1,139 @@
+"""How near a map that grew frame by frame is to the solution of all its factors at once.
+
+    python -m tests.benchmarks.incremental_vs_batch [frames] [objects] [seed]
+
+Toy chairs in a ring, a camera that goes round it twice and drifts. The batch solution is Levenberg-Marquardt on
+the nonlinear factors of `IncrementalObjectGraph.batch()`, from where the updates left the map, with the samples that
+`optimize` drew. Compared are all tangent dimensions of all objects and cameras, in the batch solution's standard deviations:
+after `update` alone, and after `optimize`. What drawing the samples once more does to the batch solution itself is
+printed beside it.
+"""
+
+import sys
+import time
+from dataclasses import dataclass, replace
+
+import gtsam
+import numpy as np
+import torch
+
+from factors.base import Annealing
+from objgraph.incremental.local import minimized, polish
+from objgraph.incremental.object_graph import IncrementalObjectGraph
+from objgraph.initialise import InitialisationConfig
+from objgraph.observation import Instance
+from objgraph.odometry import OdometryNoise, dead_reckoning, drifting_motions
+from objgraph.sampling import SamplingConfig
+from objgraph.solve import LevenbergMarquardtConfig, Problem, SolverConfig
+from tests.objgraph.test_incremental import QUICK, UP, chair_at
+from tests.toys import look_at, toy_picture, toy_prior
+
+LAPS = 2
+SEEN = 2
+"""Detections a frame, at most: the largest."""
+CONFIG = replace(
+    QUICK,
+    sampling=SamplingConfig(points=50, hits=20, free=20),
+    initialisation=InitialisationConfig(headings=4, guesses=1, points=60, rays=60, shortlist=1, keep=1),
+    start=SolverConfig(rounds=3),
+    tracking=SolverConfig(slopes=(120.0, 400.0), rounds=2, inner=LevenbergMarquardtConfig(iterations=4)),
+)
+"""For speed."""
+EXACTLY = LevenbergMarquardtConfig(iterations=8, relative_tolerance=1e-6)
+
+
+def ring(frames: int, count: int, seed: int) -> IncrementalObjectGraph:
+    """The map after all frames' updates."""
+    rng, prior = np.random.default_rng(seed), toy_prior()
+    radius = max(1.2, 1.4 * count / (2 * np.pi))
+    around = np.linspace(0, 2 * np.pi, count, endpoint=False)
+    chairs = [
+        chair_at(radius * np.cos(a), radius * np.sin(a), rng.uniform(-3, 3), 0.5 * rng.normal(size=4))
+        for a in around
+    ]
+    truth = []
+    for a in np.linspace(0, LAPS * 2 * np.pi, frames):
+        out = (radius + 2.2) * np.array([np.cos(a), np.sin(a)])
+        truth.append(
+            gtsam.Pose3(
+                look_at(np.r_[out, 1.3], np.r_[radius * np.cos(a + 0.1), radius * np.sin(a + 0.1), 0.4])
+            )
+        )
+    odometry = dead_reckoning(truth[0], drifting_motions(truth, OdometryNoise(), rng))
+    objects = IncrementalObjectGraph(UP, floor=0.0, config=CONFIG, find_prior=lambda _: prior)
+    for k, (pose, drifted) in enumerate(zip(truth, odometry, strict=True)):
+        frame = replace(toy_picture(chairs, pose.matrix(), str(k), seed=k), T_world_camera=drifted.matrix())
+        ids, pixels = np.unique(frame.instances[frame.instances > 0], return_counts=True)
+        report = objects.update(frame, [Instance(int(i), "chair") for i in ids[np.argsort(-pixels)[:SEEN]]])
+        if "-v" in sys.argv:
+            print(frame.name, len(report.seen), report.entered, report.pending, flush=True)
+    return objects
+
+
+@dataclass(frozen=True)
+class Solution:
+    """Means, and the covariance of each variable."""
+
+    values: gtsam.Values
+    sigma: dict[int, np.ndarray]
+
+
+def incremental(objects: IncrementalObjectGraph) -> Solution:
+    """The map as it is."""
+    values, smoother = objects.batch().values, objects.system.smoother
+    return Solution(values, {key: sigmas(smoother.covariance([key])) for key in values.keys()})  # noqa: SIM118
+
+
+def sigmas(covariance: np.ndarray) -> np.ndarray:
+    return np.sqrt(np.diag(covariance))
+
+
+def batch(objects: IncrementalObjectGraph, start: gtsam.Values, redraw: bool = False) -> Solution:
+    """All factors at once, by default with the samples that they have."""
+    graph = objects.batch()
+    factors = [factor for handle in graph.objects for factor in handle.factors]
+    if redraw:
+        for factor in factors:
+            factor.refresh(start, Annealing(objects.system.slope))
+    problem = Problem("batch", graph.graph, start, factors)
+    minimized(problem, EXACTLY)
+    polish(problem)
+    keys = list(problem.values.keys())
+    marginals = gtsam.Marginals(problem.graph, problem.values)
+    return Solution(problem.values, {key: sigmas(marginals.marginalCovariance(key)) for key in keys})
+
+
+def apart(one: Solution, other: Solution) -> tuple[float, float, float]:
+    """Root mean square and largest difference of the means, in `other`'s standard deviations, and of those the largest
+    relative difference."""
+    step = other.values.localCoordinates(one.values)
+    whole = np.concatenate([step.at(key) / sigma for key, sigma in other.sigma.items()])
+    ratio = np.concatenate([one.sigma[key] / sigma for key, sigma in other.sigma.items()])
+    return float(np.sqrt(np.mean(whole**2))), float(np.abs(whole).max()), float(np.abs(ratio - 1).max())
+
+
+def main(frames: int, count: int, seed: int) -> None:
+    torch.set_num_threads(1)
+    start = time.process_time()
+    objects = ring(frames, count, seed)
+    print(
+        f"{len(objects.objects)} objects, {len(objects.cameras)} frames: {time.process_time() - start:.0f} s",
+        flush=True,
+    )
+    grown = incremental(objects)
+    objects.optimize()
+    print(f"optimised: {time.process_time() - start:.0f} s", flush=True)
+    whole = batch(objects, grown.values)
+    report("after update", grown, whole)
+    report("after optimize", incremental(objects), whole)
+    report("batch, drawn anew", batch(objects, gtsam.Values(whole.values), redraw=True), whole)
+
+
+def report(name: str, solution: Solution, whole: Solution) -> None:
+    rms, worst, ratio = apart(solution, whole)
+    print(f"{name:18} means: rms {rms:.3f} sigma, largest {worst:.2f}; sigmas within {ratio:.1%}", flush=True)
+
+
+if __name__ == "__main__":
+    given = [int(w) for w in sys.argv[1:] if w != "-v"]
+    main(*(given + [100, 20, 1000][len(given) :]))
