@@ -10,13 +10,14 @@ from jaxtyping import Float
 from objgraph import map_checks
 from objgraph.errors import MapError
 
-_SHAPES: dict[str, tuple[int | None, ...]] = {
+ESTIMATE_SHAPES: dict[str, tuple[int | None, ...]] = {
     "T_world_object": (4, 4),
     "scale": (3,),
     "code": (None,),
     "covariance": (9, 9),
     "code_sigma": (None,),
 }
+"""Arrays that every estimate of an object has; None is a length that the estimate chooses."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,7 +39,7 @@ class OtherEstimate:
     def __post_init__(self) -> None:
         if not isinstance(self.estimator, str) or not self.estimator:
             raise MapError(f"other estimate: estimator is no text ({self.estimator!r})")
-        for name, shape in _SHAPES.items():
+        for name, shape in ESTIMATE_SHAPES.items():
             where = f"other estimate: {name}"
             value = map_checks.array(where, getattr(self, name), shape, np.float64)
             if value is None:
@@ -58,7 +59,9 @@ class OtherEstimate:
 
     def to_json(self) -> dict[str, Any]:
         """Plain lists."""
-        return {"estimator": self.estimator} | {name: getattr(self, name).tolist() for name in _SHAPES}
+        return {"estimator": self.estimator} | {
+            name: getattr(self, name).tolist() for name in ESTIMATE_SHAPES
+        }
 
     @classmethod
     def from_json(cls, document: Any) -> "OtherEstimate":

@@ -10,7 +10,7 @@ from jaxtyping import Float, Int
 from objgraph import map_checks
 from objgraph.covariance import RIGID_AXES
 from objgraph.errors import MapError
-from objgraph.map_estimate import OtherEstimate
+from objgraph.map_estimate import ESTIMATE_SHAPES, OtherEstimate
 
 COVARIANCE_AXES = RIGID_AXES
 """The 9 axes of `MappedObject.covariance`: GTSAM's Pose3 tangent in the body frame, then the log-scale."""
@@ -28,11 +28,7 @@ EVALUATION_KEYS = (
 """What `MappedObject.evaluation` holds; a value that could not be measured is None."""
 
 _SHAPES: dict[str, tuple[int | None, ...]] = {
-    "T_world_object": (4, 4),
-    "scale": (3,),
-    "code": (None,),
-    "covariance": (9, 9),
-    "code_sigma": (None,),
+    **ESTIMATE_SHAPES,
     "size_m": (3,),
     "vertices": (None, 3),
     "faces": (None, 3),

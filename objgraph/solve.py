@@ -204,7 +204,8 @@ def _judge(step: _Step, config: LevenbergMarquardtConfig) -> None:
     assert step.trial is not None
     cost = problem.graph.error(step.trial)
     problem.error_evaluations += 1
-    gain = (problem.cost - cost) / max(step.predicted, 1e-300)
+    # capped: where next to nothing was predicted the ratio is that of rounding errors
+    gain = min((problem.cost - cost) / max(step.predicted, 1e-300), 10.0)
     if np.isfinite(cost) and cost < problem.cost and gain > 1e-4:
         step.done = problem.cost - cost < config.relative_tolerance * problem.cost
         problem.values, problem.cost, step.linear = step.trial, cost, None

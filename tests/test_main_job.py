@@ -72,7 +72,7 @@ def test_a_real_scan_is_mapped(shared_data, tmp_path):
 @pytest.mark.parametrize("scene", ["redkitchen"])
 def test_a_scan_of_a_real_sensor_is_mapped(shared_data, tmp_path, scene):
     root = str(shared_data / "sevenscenes")
-    objects = run_map(tmp_path, "--dataset", "sevenscenes", "--root", root, "--scene", scene, "--views", "2")
+    objects = run_map(tmp_path, "--dataset", "sevenscenes", "--root", root, "--scene", scene)
     assert sum(entry["status"] == "mapped" for entry in objects) >= 4
 
 

@@ -1,6 +1,5 @@
 """What enters the map is solved before it does: the smoother's own steps are not damped."""
 
-import contextlib
 from collections.abc import Sequence
 
 import gtsam
@@ -52,15 +51,9 @@ def at_optimum(
 ) -> gtsam.Values:
     """As `solved`, with everything frozen as it is and until nothing is left to gain."""
     problem = _problem(name, known, observations, start)
-    minimized(problem, _EXACTLY)
+    minimize(problem, _EXACTLY)
     polish(problem)
     return problem.values
-
-
-def minimized(problem: Problem, config: LevenbergMarquardtConfig) -> None:
-    """`minimize` to the last digit: where nothing is left to gain, the gain ratio of a step that is kept overflows."""
-    with contextlib.suppress(OverflowError):
-        minimize(problem, config)
 
 
 def polish(problem: Problem) -> None:
@@ -108,7 +101,7 @@ def settled(
         SolveError: an undamped step leads uphill, or what is there is unlike all that the `priors` know, or elsewhere
             than the views: the start was too far off.
     """
-    minimized(problem, _CLOSELY)
+    minimize(problem, _CLOSELY)
     step = problem.graph.linearize(problem.values).optimize()
     rise = problem.graph.error(problem.values.retract(step)) - problem.cost
     if not rise < _RISE:

@@ -210,7 +210,7 @@ class Smoother:
         try:
             if graph.size():
                 self._step(graph, point, [], None, self._times)
-        except Exception:
+        except Exception:  # whatever it was, the caller hears of it with the old system in place
             self._system = before
             raise
         self._slots = slots

@@ -19,13 +19,13 @@ import numpy as np
 import torch
 
 from factors.base import Annealing
-from objgraph.incremental.local import minimized, polish
+from objgraph.incremental.local import polish
 from objgraph.incremental.object_graph import IncrementalObjectGraph
 from objgraph.initialise import InitialisationConfig
 from objgraph.observation import Instance
 from objgraph.odometry import OdometryNoise, dead_reckoning, drifting_motions
 from objgraph.sampling import SamplingConfig
-from objgraph.solve import LevenbergMarquardtConfig, Problem, SolverConfig
+from objgraph.solve import LevenbergMarquardtConfig, Problem, SolverConfig, minimize
 from tests.objgraph.test_incremental import QUICK, UP, chair_at
 from tests.toys import look_at, toy_picture, toy_prior
 
@@ -97,7 +97,7 @@ def batch(objects: IncrementalObjectGraph, start: gtsam.Values, redraw: bool = F
         for factor in factors:
             factor.refresh(start, Annealing(objects.system.slope))
     problem = Problem("batch", graph.graph, start, factors)
-    minimized(problem, EXACTLY)
+    minimize(problem, EXACTLY)
     polish(problem)
     keys = list(problem.values.keys())
     marginals = gtsam.Marginals(problem.graph, problem.values)

@@ -8,7 +8,7 @@ import pytest
 from gtsam.symbol_shorthand import O, X
 
 from objgraph.errors import SolveError
-from objgraph.incremental.smoother import Smoother
+from objgraph.incremental.smoother import Smoother, _determined
 
 STEP = gtsam.Pose3(gtsam.Rot3.Rz(0.3), np.array([0.5, 0.1, 0.0]))
 NOISE = gtsam.noiseModel.Diagonal.Sigmas([0.02] * 3 + [0.05] * 3)
@@ -300,3 +300,16 @@ def test_a_slot_that_is_used_again_does_not_confuse_the_factors(lag):
     graph.remove(graph.size() - 1)
     _settle(smoother)
     assert_is_optimum(smoother, graph)
+
+
+def test_what_gtsam_cannot_determine_is_named():
+    graph = gtsam.NonlinearFactorGraph()
+    graph.push_back(between(X(0), X(1)))
+    values = value(X(0), gtsam.Pose3())
+    values.insert(X(1), STEP)
+
+    def query(keys: gtsam.KeyVector) -> gtsam.JointMarginal:
+        return gtsam.Marginals(graph, values).jointMarginalCovariance(keys)
+
+    with pytest.raises(SolveError, match=r"x0, x1: the incremental system hardly determines them"):
+        _determined([X(0), X(1)], query)
