@@ -1,5 +1,7 @@
 """A toy shape prior in closed form, and pictures of its shapes: the back-end is tested without learnt weights."""
 
+from collections.abc import Callable
+
 import gtsam
 import numpy as np
 import open3d as o3d
@@ -115,11 +117,12 @@ def toy_picture(
     noise: float = 0.003,
     seed: int = 0,
     floor: float = 40.0,
+    mesh_of: Callable[[np.ndarray], trimesh.Trimesh] = toy_mesh,
 ) -> Frame:
-    """A noisy picture of toy chairs (ids 1, 2, ...) from a camera at T_world_camera; `floor`: half its edge, metres."""
+    """A noisy picture of chairs (ids 1, 2, ...) from a camera at T_world_camera; `floor`: half its edge, metres."""
     scene = o3d.t.geometry.RaycastingScene()
     for state in states:
-        mesh = toy_mesh(state.code)
+        mesh = mesh_of(state.code)
         vertices = state.to_world(np.asarray(mesh.vertices)).astype(np.float32)
         scene.add_triangles(o3d.core.Tensor(vertices), o3d.core.Tensor(np.asarray(mesh.faces, np.uint32)))
     ground = floor * np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], np.float32)

@@ -1,35 +1,45 @@
 """How near a map that grew frame by frame is to the solution of all its factors at once.
 
-    python -m tests.benchmarks.incremental_vs_batch [frames] [objects] [seed]
+    python -m tests.benchmarks.incremental_vs_batch [frames] [objects] [seed] [--prior rounded|boxes|chair]
 
-Toy chairs in a ring, a camera that goes round it twice and drifts. The batch solution is Levenberg-Marquardt on
-the nonlinear factors of `IncrementalObjectGraph.batch()`, from where the updates left the map, with the samples that
-`optimize` drew. Compared are all tangent dimensions of all objects and cameras, in the batch solution's standard deviations:
-after `update` alone, and after `optimize`. What drawing the samples once more does to the batch solution itself is
-printed beside it.
+Chairs in a ring, a camera that goes round it twice and drifts. The chairs are the prior's own shapes: of the toy prior with
+rounded boxes, of the toy prior itself (a union of boxes, whose distance has a kink wherever another face is the nearest), or
+of the shipped one. The batch solution is Levenberg-Marquardt on the nonlinear factors of `IncrementalObjectGraph.batch()`,
+from where the updates left the map, with the samples that `optimize` drew. Compared are all tangent dimensions of all objects
+and cameras, in the batch solution's standard deviations: after `update` alone, and after `optimize`. What drawing the
+samples once more does to the batch solution itself is printed beside it.
 """
 
 import sys
 import time
 from dataclasses import dataclass, replace
+from functools import cache, partial
 from typing import NamedTuple
 
 import gtsam
 import numpy as np
 import torch
+import trimesh
 
 from factors.base import Annealing
+from factors.sdf_decoder import SdfDecoder
+from factors.state import ObjectState
 from objgraph.incremental.local import polish
 from objgraph.incremental.object_graph import IncrementalObjectGraph
 from objgraph.initialise import InitialisationConfig
+from objgraph.mesh import extract_mesh
 from objgraph.observation import Instance
 from objgraph.odometry import OdometryNoise, dead_reckoning, drifting_motions
+from objgraph.prior.prior import ShapePrior
+from objgraph.prior.registry import load_prior
 from objgraph.sampling import SamplingConfig
 from objgraph.solve import LevenbergMarquardtConfig, Problem, SolverConfig, minimize
-from tests.objgraph.test_incremental import QUICK, UP, chair_at
-from tests.toys import look_at, toy_picture, toy_prior
+from tests.objgraph.test_incremental import QUICK, UP
+from tests.toys import ToyDecoder, look_at, toy_boxes, toy_picture, toy_prior
 
 LAPS = 2
+ROUNDED = 0.01
+"""Radius of rounded edges, canonical units."""
 SEEN = 2
 """Detections a frame, at most: the largest."""
 CONFIG = replace(
@@ -40,18 +50,57 @@ CONFIG = replace(
     tracking=SolverConfig(slopes=(120.0, 400.0), rounds=2, inner=LevenbergMarquardtConfig(iterations=4)),
 )
 """For speed."""
+LEARNT = replace(
+    CONFIG, sampling=SamplingConfig(points=100, hits=60, free=60), initialisation=InitialisationConfig()
+)
+"""A learnt prior's shapes are told apart by more points."""
 EXACTLY = LevenbergMarquardtConfig(iterations=8, relative_tolerance=1e-6)
 
 
-def ring(frames: int, count: int, seed: int) -> IncrementalObjectGraph:
+class RoundedToyDecoder(ToyDecoder):
+    """The toy chair with every edge rounded: as smooth as what is learnt."""
+
+    def _network(self, points, injected):
+        distances = []
+        for centre, half in toy_boxes(injected["0"]):
+            q = ((points - centre).square() + ROUNDED**2).sqrt() - half
+            distances.append(ROUNDED * torch.logsumexp(q / ROUNDED, dim=1))
+        return -ROUNDED * torch.logsumexp(-torch.stack(distances) / ROUNDED, dim=0)
+
+
+def prior_of(kind: str) -> ShapePrior:
+    if kind == "rounded":
+        return replace(toy_prior(), decoder=RoundedToyDecoder())
+    return toy_prior() if kind == "boxes" else load_prior(kind)
+
+
+def chairs_of(prior: ShapePrior, count: int, radius: float, rng: np.random.Generator) -> list[ObjectState]:
+    """Shapes that the prior knows, in a ring on the floor."""
+    states = []
+    for a in np.linspace(0, 2 * np.pi, count, endpoint=False):
+        rotation = gtsam.Rot3.Rz(rng.uniform(-3, 3)).compose(gtsam.Rot3.Rx(np.pi / 2))
+        if isinstance(prior.decoder, ToyDecoder):
+            code = 0.5 * rng.normal(size=prior.decoder.code_length)
+        else:
+            code = np.array(prior.starts[1 + rng.integers(len(prior.starts) - 1)], dtype=float)
+        log_scale = np.log(prior.size_mean) + 0.03 * rng.normal(size=3)
+        height = -shape(prior.decoder, code.tobytes()).bounds[0, 1] * np.exp(log_scale[1])
+        place = np.array([radius * np.cos(a), radius * np.sin(a), height])
+        states.append(ObjectState(gtsam.Pose3(rotation, place), log_scale, code))
+    return states
+
+
+@cache
+def shape(decoder: SdfDecoder, code: bytes) -> trimesh.Trimesh:
+    return extract_mesh(decoder, np.frombuffer(code), resolution=48)
+
+
+def ring(frames: int, count: int, seed: int, prior: ShapePrior) -> IncrementalObjectGraph:
     """The map after all frames' updates."""
-    rng, prior = np.random.default_rng(seed), toy_prior()
+    rng = np.random.default_rng(seed)
     radius = max(1.2, 1.4 * count / (2 * np.pi))
-    around = np.linspace(0, 2 * np.pi, count, endpoint=False)
-    chairs = [
-        chair_at(radius * np.cos(a), radius * np.sin(a), rng.uniform(-3, 3), 0.5 * rng.normal(size=4))
-        for a in around
-    ]
+    chairs = chairs_of(prior, count, radius, rng)
+    draw = partial(toy_picture, mesh_of=lambda code: shape(prior.decoder, code.tobytes()))
     truth = []
     for a in np.linspace(0, LAPS * 2 * np.pi, frames):
         out = (radius + 2.2) * np.array([np.cos(a), np.sin(a)])
@@ -61,9 +110,10 @@ def ring(frames: int, count: int, seed: int) -> IncrementalObjectGraph:
             )
         )
     odometry = dead_reckoning(truth[0], drifting_motions(truth, OdometryNoise(), rng))
-    objects = IncrementalObjectGraph(UP, floor=0.0, config=CONFIG, find_prior=lambda _: prior)
+    config = CONFIG if isinstance(prior.decoder, ToyDecoder) else LEARNT
+    objects = IncrementalObjectGraph(UP, floor=0.0, config=config, find_prior=lambda _: prior)
     for k, (pose, drifted) in enumerate(zip(truth, odometry, strict=True)):
-        frame = replace(toy_picture(chairs, pose.matrix(), str(k), seed=k), T_world_camera=drifted.matrix())
+        frame = replace(draw(chairs, pose.matrix(), str(k), seed=k), T_world_camera=drifted.matrix())
         ids, pixels = np.unique(frame.instances[frame.instances > 0], return_counts=True)
         report = objects.update(frame, [Instance(int(i), "chair") for i in ids[np.argsort(-pixels)[:SEEN]]])
         if "-v" in sys.argv:
@@ -126,10 +176,10 @@ def rms(values: np.ndarray) -> float:
     return float(np.sqrt(np.mean(values**2)))
 
 
-def main(frames: int, count: int, seed: int) -> None:
+def main(frames: int, count: int, seed: int, prior: ShapePrior) -> None:
     torch.set_num_threads(1)
     start = time.process_time()
-    objects = ring(frames, count, seed)
+    objects = ring(frames, count, seed, prior)
     print(
         f"{len(objects.objects)} objects, {len(objects.cameras)} frames: {time.process_time() - start:.0f} s",
         flush=True,
@@ -153,5 +203,7 @@ def report(name: str, solution: Solution, whole: Solution) -> None:
 
 
 if __name__ == "__main__":
-    given = [int(w) for w in sys.argv[1:] if w != "-v"]
-    main(*(given + [100, 20, 1000][len(given) :]))
+    kind = sys.argv[sys.argv.index("--prior") + 1] if "--prior" in sys.argv else "rounded"
+    given = [int(word) for word in sys.argv[1:] if word.isdigit()]
+    frames, count, seed = given + [100, 20, 1000][len(given) :]
+    main(frames, count, seed, prior_of(kind))
