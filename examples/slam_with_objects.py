@@ -44,7 +44,7 @@ class Arguments:
     out: Path
     """Where the picture, the trajectories and metrics.json go."""
     seeds: int = 1
-    """Draws of the odometry's noise."""
+    """Draws of the odometry's noise; those that `out` has already are not run again."""
     frames: int = 40
     """Of all laps."""
     laps: float = 2.0
@@ -167,8 +167,8 @@ def main(arguments: Arguments) -> None:
     scan = scan_of(arguments)
     indices = range(0, len(scan.frames), arguments.stride)
     arguments.out.mkdir(parents=True, exist_ok=True)
-    rows = []
-    for seed in range(arguments.seeds):
+    rows = finished(arguments)
+    for seed in range(len(rows), arguments.seeds):
         metrics, paths = run(scan, indices, arguments.objects, seed)
         rows.append(metrics)
         print(seed, metrics, flush=True)
@@ -176,9 +176,30 @@ def main(arguments: Arguments) -> None:
             write_tum(arguments.out / f"{name}_{seed}.txt", trajectory)
         if seed == 0:
             picture(paths, metrics, arguments.out / "trajectories.png")
+        write_metrics(arguments, rows)
+    print(write_metrics(arguments, rows))
+
+
+def settings(arguments: Arguments) -> dict[str, str]:
+    """What the rows depend on."""
+    return {name: str(value) for name, value in vars(arguments).items() if name not in ("out", "seeds")}
+
+
+def finished(arguments: Arguments) -> list[dict[str, float]]:
+    """The seeds that a run before has done with the same settings: twenty take an hour or more."""
+    path = arguments.out / "metrics.json"
+    before = json.loads(path.read_text()) if path.exists() else {}
+    return before["seeds"] if before.get("settings") == settings(arguments) else []
+
+
+def write_metrics(arguments: Arguments, rows: list[dict[str, float]]) -> dict[str, float]:
+    """Means over the seeds that are done; returned, and in metrics.json with all of them."""
     means = {name: float(np.mean([row[name] for row in rows])) for name in rows[0]}
-    (arguments.out / "metrics.json").write_text(json.dumps({**means, "seeds": rows}, indent=1) + "\n")
-    print(means)
+    document = {**means, "settings": settings(arguments), "seeds": rows}
+    part = arguments.out / "metrics.json.part"
+    part.write_text(json.dumps(document, indent=1) + "\n")
+    part.replace(arguments.out / "metrics.json")
+    return means
 
 
 if __name__ == "__main__":
