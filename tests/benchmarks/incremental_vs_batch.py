@@ -139,16 +139,23 @@ def sigmas(covariance: np.ndarray) -> np.ndarray:
     return np.sqrt(np.diag(covariance))
 
 
-def batch(objects: IncrementalObjectGraph, start: gtsam.Values, redraw: bool = False) -> Solution:
-    """All factors at once, by default with the samples that they have."""
+def batch(
+    objects: IncrementalObjectGraph, start: gtsam.Values, redraw: bool = False, by_gtsam: bool = False
+) -> Solution:
+    """All factors at once, by default with the samples that they have; `by_gtsam`: with GTSAM's own optimiser."""
     graph = objects.batch()
     factors = [factor for handle in graph.objects for factor in handle.factors]
     if redraw:
         for factor in factors:
             factor.refresh(start, Annealing(objects.system.slope))
     problem = Problem("batch", graph.graph, start, factors)
-    minimize(problem, EXACTLY)
-    polish(problem)
+    if by_gtsam:
+        params = gtsam.LevenbergMarquardtParams()
+        params.setRelativeErrorTol(1e-8)
+        problem.values = gtsam.LevenbergMarquardtOptimizer(graph.graph, start, params).optimize()
+    else:
+        minimize(problem, EXACTLY)
+        polish(problem)
     keys = list(problem.values.keys())
     marginals = gtsam.Marginals(problem.graph, problem.values)
     return Solution(problem.values, {key: sigmas(marginals.marginalCovariance(key)) for key in keys})
@@ -190,6 +197,7 @@ def main(frames: int, count: int, seed: int, prior: ShapePrior) -> None:
     whole = batch(objects, grown.values)
     report("after update", grown, whole)
     report("after optimize", incremental(objects), whole)
+    report("batch by GTSAM", batch(objects, grown.values, by_gtsam=True), whole)
     report("batch, drawn anew", batch(objects, gtsam.Values(whole.values), redraw=True), whole)
 
 
