@@ -20,6 +20,8 @@ _BELOW = 3.0
 """Depth of the imagined camera under the floor, metres."""
 _SPACING = 0.08
 """Metres between rays at the floor: dense enough that few legs go on unseen under it."""
+SHARE = (_SPACING / 0.2) ** 2
+"""Of an independent measurement that each ray is: a floor errs together over some 20 cm, as every surface does."""
 _LITTLE = RaySampling(coarse=4, cells=4)
 """Rays from below pass the little of the object's box that is under the floor."""
 _LEVEL = 1e-3
@@ -50,6 +52,8 @@ class FloorFactor(DepthFactor):
     ) -> None:
         """`floor` is its height along `up_world` and `sigma` how well that is known, both in metres.
 
+        Each ray is `SHARE` of a measurement, unless a `weighting` is given.
+
         Raises:
             FactorError: `up_world` has no direction, or the floor no height.
         """
@@ -62,7 +66,8 @@ class FloorFactor(DepthFactor):
         self._up, self._floor, self._sigma = self._up / length, float(floor), sigma
         super().__init__(
             keys, decoder, gtsam.Pose3(), _rays_from_below(1.0, sigma),
-            renderer=renderer, prior_sigma=prior_sigma, weighting=weighting, sampling=_LITTLE,
+            renderer=renderer, prior_sigma=prior_sigma, sampling=_LITTLE,
+            weighting=weighting or Weighting("information", SHARE),
         )  # fmt: skip
 
     def T_world_camera(self, values: gtsam.Values) -> gtsam.Pose3:

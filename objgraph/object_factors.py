@@ -9,7 +9,7 @@ from jaxtyping import Float
 
 from factors.base import ObservationFactor
 from factors.depth import DepthFactor, RaySampling
-from factors.floor import FloorFactor
+from factors.floor import SHARE, FloorFactor
 from factors.full_distribution import FullDistribution
 from factors.gaussian_depth import Deterministic, Probabilistic, Sampled
 from factors.priors import code_prior, scale_prior, upright_prior
@@ -79,7 +79,7 @@ def floor_factor(
     """Nothing of the object lies below the floor, whose height along `up_world` is `floor`."""
     return FloorFactor(
         keys, prior.decoder, up_world, floor, renderer=RENDERERS[config.renderer],
-        prior_sigma=prior.residual_sigma, weighting=_weighting(1.0, config),
+        prior_sigma=prior.residual_sigma, weighting=_weighting(SHARE, config),
     )  # fmt: skip
 
 
