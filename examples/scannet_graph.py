@@ -17,7 +17,8 @@ from rich.console import Console
 from rich.progress import track
 
 from factors.base import Annealing
-from factors.depth import DepthFactor, RaySampling
+from factors.depth import DepthFactor
+from factors.floor import FloorFactor
 from factors.full_distribution import FullDistribution
 from factors.priors import code_prior, scale_prior, upright_prior
 from factors.state import ObjectKeys, ObjectState
@@ -26,7 +27,6 @@ from factors.weighting import Weighting
 from objgraph.covariance import marginals, surface_sigma
 from objgraph.datasets.registry import load_scan
 from objgraph.evaluation.maps import evaluated
-from objgraph.ground import rays_from_below
 from objgraph.initialise import InitialisationConfig, guesses, rank
 from objgraph.map import ObjectMap
 from objgraph.mapped_object import MappedObject
@@ -105,18 +105,8 @@ def main(arguments: Arguments) -> None:
                 ),
             ]  # fmt: skip
         if floor is not None:  # nothing of an object lies below the floor: rays from underneath end at it
-            points = np.concatenate([view.points_world for view in views])
-            T_world_below, rays = rays_from_below(points, scan.up_world, floor)
-            little = RaySampling(coarse=4, cells=4)  # of the object's box is under the floor
             factors.append(
-                DepthFactor(
-                    keys,
-                    prior.decoder,
-                    T_world_below,
-                    rays,
-                    prior_sigma=prior.residual_sigma,
-                    sampling=little,
-                )
+                FloorFactor(keys, prior.decoder, scan.up_world, floor, prior_sigma=prior.residual_sigma)
             )
         for factor in factors:
             graph.push_back(factor.gtsam_factor())

@@ -91,7 +91,7 @@ def add_objects(
     scan: Scan, count: int, graph: gtsam.NonlinearFactorGraph, values: gtsam.Values
 ) -> objgraph.ObjectGraph:
     """Each object starts from its best views within a few frames of each other, and is observed in all."""
-    few = range(min(12, len(scan.frames)))  # the drift is small at first
+    few = range(min(3, len(scan.frames)))  # later ones have drifted off the floor's plane
     beginning = OdometryFrames(scan.frames, few, [values.atPose3(X(k)) for k in few])
     floor = scene_floor(replace(scan, frames=beginning))
     objects = objgraph.ObjectGraph(graph, values, up_world=scan.up_world, floor=floor)

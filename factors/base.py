@@ -6,12 +6,13 @@ from dataclasses import dataclass
 import gtsam
 import numpy as np
 import torch
+from jaxtyping import Float
 from torch import Tensor
 
 from factors.errors import FactorError
 from factors.keys import readable_key
 from factors.reduce import Rows, guarded_factor, reduce_rows
-from factors.sdf import SdfQuery, query_points
+from factors.sdf import SdfQuery, query_points, sdf_jacobian
 from factors.sdf_decoder import SdfDecoder, SdfJet
 from factors.state import CAMERA_DOF, POSE_DOF, SCALE_DOF, ObjectKeys, ObjectState
 
@@ -99,6 +100,10 @@ class ObservationFactor(ABC):
     @abstractmethod
     def rows_of(self, query: SdfQuery, value: Tensor, jet: SdfJet) -> Rows:
         """Loss, residual rows and their Jacobian, given all values and the active points' derivatives."""
+
+    def sdf_jacobian(self, query: SdfQuery, jet: SdfJet) -> Float[Tensor, "n d"]:
+        """Derivative of the canonical SDF w.r.t. the factor's variables, in the order of `keys`."""
+        return sdf_jacobian(query, jet, self.has_camera_key)
 
     def query(self, values: gtsam.Values) -> SdfQuery:
         """What this factor asks of the decoder at `values`; freezes there first if nobody has."""

@@ -13,7 +13,7 @@ from factors.full_distribution import FullDistribution
 from factors.rays import RayCells, Rays, box_interval, choose_cells, coarse_depths
 from factors.reduce import Rows
 from factors.rendering import RaySamples, RayTargets, RenderedRows, Renderer
-from factors.sdf import SdfQuery, metres_per_unit, query_points, sdf_jacobian
+from factors.sdf import SdfQuery, metres_per_unit, query_points
 from factors.sdf_decoder import SdfDecoder, SdfJet
 from factors.state import ObjectKeys, ObjectState
 from factors.weighting import Weighting
@@ -133,7 +133,7 @@ class DepthFactor(ObservationFactor):
     def _quantity_jacobian(self, query: SdfQuery, active: Tensor, jet: SdfJet, d_sdf: Tensor) -> Tensor:
         """Chain rule: rows (r * q, d) of quantities whose derivative w.r.t. the cells' metric SDF is (r, q, k)."""
         metres = self._held.metres
-        some = sdf_jacobian(query.take(active), jet, self.has_camera_key).double()
+        some = self.sdf_jacobian(query.take(active), jet).double()
         jacobian = torch.zeros(metres.numel(), some.shape[1], dtype=some.dtype)
         jacobian[active] = some * metres.flatten()[active, None]
         return torch.bmm(d_sdf, jacobian.unflatten(0, metres.shape)).flatten(0, 1)

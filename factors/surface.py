@@ -96,7 +96,7 @@ class SurfaceFactor(ObservationFactor):
         metres, sigma, weight = self._held
         mu = metres * value.double()
         root = (weight * majorizing_weight(mu, sigma)).sqrt()
-        jacobian = sdf_jacobian(query, jet, self.has_camera_key).double()
+        jacobian = self.sdf_jacobian(query, jet).double()
         return Rows((root * metres)[:, None] * jacobian, root * mu, self.loss_of(value))
 
     @property

@@ -97,7 +97,7 @@ class ObjectGraph:
             self._push(handle, factor)
         self.objects.append(handle)
         if views and self.floor is not None:
-            self.stand_on_floor(handle, views)
+            self.stand_on_floor(handle)
         return handle
 
     def observe(
@@ -122,8 +122,8 @@ class ObjectGraph:
         share = np.ones(len(rays.depth))
         self._add(handle, ray_factor(handle.prior, handle.keys, camera, rays, share, self.config))
 
-    def stand_on_floor(self, handle: ObjectHandle, views: Sequence[ObjectView]) -> None:
-        """Add what the floor says: nothing of the object, which is about the views' points, lies below it.
+    def stand_on_floor(self, handle: ObjectHandle) -> None:
+        """Add what the floor says: nothing of the object lies below it.
 
         Raises:
             ObservationError: the graph was not told where the floor is, or which way is up.
@@ -132,7 +132,7 @@ class ObjectGraph:
             raise ObservationError(
                 f"{handle.name}: say where the floor is (ObjectGraph(up_world=..., floor=...))"
             )
-        floor = floor_factor(handle.prior, handle.keys, views, self.up_world, self.floor, self.config)
+        floor = floor_factor(handle.prior, handle.keys, self.up_world, self.floor, self.config)
         self._add(handle, floor)
 
     def remove_object(self, handle: ObjectHandle) -> None:

@@ -1,7 +1,6 @@
 """The factors of one object: what is known of it beforehand, and what each view says."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Literal
 
 import gtsam
@@ -10,6 +9,7 @@ from jaxtyping import Float
 
 from factors.base import ObservationFactor
 from factors.depth import DepthFactor, RaySampling
+from factors.floor import SHARE, FloorFactor
 from factors.full_distribution import FullDistribution
 from factors.gaussian_depth import Deterministic, Probabilistic, Sampled
 from factors.priors import code_prior, scale_prior, upright_prior
@@ -18,7 +18,6 @@ from factors.rendering import Renderer
 from factors.state import ObjectKeys
 from factors.surface import SurfaceFactor
 from factors.weighting import Weighting
-from objgraph.ground import rays_from_below
 from objgraph.prior.prior import ShapePrior
 from objgraph.sampling import ObjectView
 
@@ -28,10 +27,6 @@ RENDERERS: dict[str, Renderer] = {
     "sampled": Sampled(),
     "deterministic": Deterministic(),
 }
-
-
-_BELOW_FLOOR = RaySampling(coarse=4, cells=4)
-"""Rays from below pass the little of the object's box that is under the floor."""
 
 
 @dataclass(frozen=True)
@@ -79,18 +74,13 @@ def view_factors(
 
 
 def floor_factor(
-    prior: ShapePrior,
-    keys: ObjectKeys,
-    views: Sequence[ObjectView],
-    up_world: Float[np.ndarray, "3"],
-    floor: float,
-    config: GraphConfig,
-) -> ObservationFactor:
+    prior: ShapePrior, keys: ObjectKeys, up_world: Float[np.ndarray, "3"], floor: float, config: GraphConfig
+) -> FloorFactor:
     """Nothing of the object lies below the floor, whose height along `up_world` is `floor`."""
-    points_world = np.concatenate([view.points_world for view in views])
-    T_world_below, rays = rays_from_below(points_world, up_world, floor)
-    settings = replace(config, sampling=_BELOW_FLOOR)
-    return ray_factor(prior, keys, T_world_below, rays, np.ones(len(rays.depth)), settings)
+    return FloorFactor(
+        keys, prior.decoder, up_world, floor, renderer=RENDERERS[config.renderer],
+        prior_sigma=prior.residual_sigma, weighting=_weighting(SHARE, config),
+    )  # fmt: skip
 
 
 def ray_factor(
@@ -109,5 +99,5 @@ def ray_factor(
     )  # fmt: skip
 
 
-def _weighting(share: Float[np.ndarray, "n"], config: GraphConfig) -> Weighting:
-    return Weighting("information", np.minimum(1.0, config.evidence * share))
+def _weighting(share: float | Float[np.ndarray, "n"], config: GraphConfig) -> Weighting:
+    return Weighting("information", np.minimum(1.0, config.evidence * np.asarray(share)))

@@ -59,7 +59,7 @@ def single_object(
         factor for view in views for factor in view_factors(prior, _KEYS, view, view.T_world_camera, config)
     ]
     if floor is not None and up_world is not None:
-        factors.append(floor_factor(prior, _KEYS, views, up_world, floor, config))
+        factors.append(floor_factor(prior, _KEYS, up_world, floor, config))
     for factor in factors:
         graph.push_back(factor.gtsam_factor())
     return SingleObject(values, Problem(prior.category, graph, values, factors))

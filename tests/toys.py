@@ -14,6 +14,8 @@ from objgraph.observation import Frame, FrameSource, Intrinsics
 from objgraph.prior.prior import ShapePrior
 
 TOY_CODE = 4
+_ROUNDED = 0.01
+"""Radius of rounded edges, canonical units."""
 INTRINSICS = Intrinsics(260.0, 260.0, 159.5, 119.5, 320, 240)
 
 
@@ -53,10 +55,21 @@ class ToyDecoder(Decoder):
         return d_injected["0"]
 
 
-def toy_prior() -> ShapePrior:
+class RoundedToyDecoder(ToyDecoder):
+    """The toy chair with every edge rounded: as smooth as what is learnt."""
+
+    def _network(self, points, injected):
+        distances = []
+        for centre, half in toy_boxes(injected["0"]):
+            q = ((points - centre).square() + _ROUNDED**2).sqrt() - half
+            distances.append(_ROUNDED * torch.logsumexp(q / _ROUNDED, dim=1))
+        return -_ROUNDED * torch.logsumexp(-torch.stack(distances) / _ROUNDED, dim=0)
+
+
+def toy_prior(rounded: bool = False) -> ShapePrior:
     return ShapePrior(
         category="chair",
-        decoder=ToyDecoder(),
+        decoder=RoundedToyDecoder() if rounded else ToyDecoder(),
         code_mean=np.zeros(TOY_CODE),
         code_covariance=0.5 * np.eye(TOY_CODE),
         residual_sigma=0.008,

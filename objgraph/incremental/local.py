@@ -24,8 +24,6 @@ _LITTLE = 1e-3
 """Cost (half a chi-squared) that a step must gain for another one to be worth it."""
 _PLAUSIBLE = 1 - 1e-6
 """Share of all objects, if the priors are right, that are less unlike their mean."""
-_RISE = 0.5
-"""Cost (half a chi-squared) by which an undamped step may lead uphill."""
 
 
 def solved(
@@ -98,25 +96,29 @@ def settled(
     """A solved problem's optimum with everything frozen as it is, if it is one to begin from.
 
     Raises:
-        SolveError: an undamped step leads uphill, or what is there is unlike all that the `priors` know, or elsewhere
-            than the views: the start was too far off.
+        SolveError: the smoother's first step, which is undamped, leads far uphill, or to what is unlike all that the
+            `priors` know, or elsewhere than the views: the start was too far off.
     """
     minimize(problem, _CLOSELY)
-    step = problem.graph.linearize(problem.values).optimize()
-    rise = problem.graph.error(problem.values.retract(step)) - problem.cost
-    if not rise < _RISE:
+    first = problem.values.retract(problem.graph.linearize(problem.values).optimize())
+    rise = problem.graph.error(first) - problem.cost
+    if not rise < problem.values.dim() / 2:  # as a draw from the posterior, if it is Gaussian, on average is
         raise SolveError(_too_far(problem, f"a full step from there costs {rise:.1f} more"))
-    squared = 2 * sum(factor.error(problem.values) for factor in priors)
+    squared = 2 * sum(factor.error(first) for factor in priors)
     limit = chi2.ppf(_PLAUSIBLE, sum(factor.dim() for factor in priors))
     if squared > limit:
         raise SolveError(
-            _too_far(problem, f"its priors' chi-squared there is {squared:.0f}, above {limit:.0f}")
+            _too_far(
+                problem, f"its priors' chi-squared is {squared:.0f} after a full step, above {limit:.0f}"
+            )
         )
     limits = config.association
-    on_surface = _share_on_surface(observations, problem.values, limits.distance)
+    on_surface = _share_on_surface(observations, first, limits.distance)
     if on_surface < limits.overlap:
         raise SolveError(
-            _too_far(problem, f"only {on_surface:.0%} of its seen points lie on its surface there")
+            _too_far(
+                problem, f"only {on_surface:.0%} of its seen points lie on its surface after a full step"
+            )
         )
     return problem.values
 

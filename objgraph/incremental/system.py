@@ -68,12 +68,11 @@ class IncrementalSystem:
             for camera, view in placed
         ]
 
-    def on_floor(self, entry: TrackedObject, placed: Sequence[Placed]) -> list[Observation]:
-        """What the floor says of a new object that these views show; empty where it is not known where the floor is."""
+    def on_floor(self, entry: TrackedObject) -> list[Observation]:
+        """What the floor says of a new object; empty where it is not known where the floor is."""
         if self.floor is None:
             return []
-        views = [view.at(self.pose(camera)) for camera, view in placed]
-        floor = floor_factor(entry.prior, entry.keys, views, self.up_world, self.floor, self.config.graph)
+        floor = floor_factor(entry.prior, entry.keys, self.up_world, self.floor, self.config.graph)
         return [Observation([floor], None)]
 
     def solved(
@@ -126,7 +125,7 @@ class IncrementalSystem:
         Raises:
             SolveError: it has no optimum near `state`, or the smoother fails; nothing has been changed.
         """
-        observations = [*self.observations(entry, placed), *self.on_floor(entry, placed)]
+        observations = [*self.observations(entry, placed), *self.on_floor(entry)]
         cameras = sorted({camera for camera, _ in placed})
         start = self.estimates([], cameras)
         state.insert(start, entry.keys)

@@ -35,11 +35,9 @@ from objgraph.prior.registry import load_prior
 from objgraph.sampling import SamplingConfig
 from objgraph.solve import LevenbergMarquardtConfig, Problem, SolverConfig, minimize
 from tests.objgraph.test_incremental import QUICK, UP
-from tests.toys import ToyDecoder, look_at, toy_boxes, toy_picture, toy_prior
+from tests.toys import ToyDecoder, look_at, toy_picture, toy_prior
 
 LAPS = 2
-ROUNDED = 0.01
-"""Radius of rounded edges, canonical units."""
 SEEN = 2
 """Detections a frame, at most: the largest."""
 CONFIG = replace(
@@ -57,21 +55,8 @@ LEARNT = replace(
 EXACTLY = LevenbergMarquardtConfig(iterations=8, relative_tolerance=1e-6)
 
 
-class RoundedToyDecoder(ToyDecoder):
-    """The toy chair with every edge rounded: as smooth as what is learnt."""
-
-    def _network(self, points, injected):
-        distances = []
-        for centre, half in toy_boxes(injected["0"]):
-            q = ((points - centre).square() + ROUNDED**2).sqrt() - half
-            distances.append(ROUNDED * torch.logsumexp(q / ROUNDED, dim=1))
-        return -ROUNDED * torch.logsumexp(-torch.stack(distances) / ROUNDED, dim=0)
-
-
 def prior_of(kind: str) -> ShapePrior:
-    if kind == "rounded":
-        return replace(toy_prior(), decoder=RoundedToyDecoder())
-    return toy_prior() if kind == "boxes" else load_prior(kind)
+    return load_prior(kind) if kind == "chair" else toy_prior(rounded=kind == "rounded")
 
 
 def chairs_of(prior: ShapePrior, count: int, radius: float, rng: np.random.Generator) -> list[ObjectState]:

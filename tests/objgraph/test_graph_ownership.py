@@ -138,7 +138,7 @@ def test_what_was_added_can_be_taken_out_again():
         gtsam.PriorFactorPose3(X(1), gtsam.Pose3(), pose_noise(1, 1))
     )  # the caller goes on
     second = objects.add_object(toy_prior(), moved(state, 1.0))
-    objects.stand_on_floor(second, views)
+    objects.stand_on_floor(second)
     objects.observe(second, views[1], camera=X(1))
 
     objects.remove_object(first)

@@ -71,13 +71,15 @@ def two_chairs(frames: int = FRAMES) -> World:
     return walk(states, frames)
 
 
-def mapper(**changes) -> IncrementalObjectGraph:
-    prior = toy_prior()
+def mapper(rounded: bool = False, **changes) -> IncrementalObjectGraph:
+    prior = toy_prior(rounded)
     return IncrementalObjectGraph(UP, floor=0.0, config=replace(QUICK, **changes), find_prior=lambda _: prior)
 
 
-def mapped(world: World, **changes) -> tuple[IncrementalObjectGraph, list[FrameReport]]:
-    objects = mapper(**changes)
+def mapped(
+    world: World, rounded: bool = False, **changes
+) -> tuple[IncrementalObjectGraph, list[FrameReport]]:
+    objects = mapper(rounded, **changes)
     return objects, [objects.update(frame, world.detections(frame)) for frame in world.frames]
 
 

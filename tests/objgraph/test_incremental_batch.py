@@ -24,8 +24,11 @@ def all_observations(objects: IncrementalObjectGraph) -> list[Observation]:
 
 
 def test_incremental_is_batch(world):
-    """Means within a tenth of a standard deviation, and standard deviations within 5 %, of objects and cameras."""
-    objects, _ = mapped(world)
+    """Means within a tenth of a standard deviation, and standard deviations within 5 %, of objects and cameras.
+
+    Where every edge has a kink the optimum is not defined so well.
+    """
+    objects, _ = mapped(world, rounded=True)
     grown = incremental(objects)
     objects.optimize()
     numbers = [observation.number for observation in all_observations(objects)]

@@ -1,0 +1,128 @@
+"""The floor factor: nothing of an object lies below the floor."""
+
+import gtsam
+import numpy as np
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from factors.base import Annealing
+from factors.depth import DepthFactor, RaySampling
+from factors.errors import FactorError
+from factors.rays import BOX_HALF_SIZE, Rays
+from factors.rendering import Renderer
+from factors.sdf import SdfQuery, sdf_jacobian
+from factors.sdf_decoder import SdfDecoder, SdfJet
+from factors.state import CAMERA_DOF, POSE_DOF, ObjectKeys
+from factors.weighting import Weighting
+
+_BELOW = 3.0
+"""Depth of the imagined camera under the floor, metres."""
+_SPACING = 0.08
+"""Metres between rays at the floor: dense enough that few legs go on unseen under it."""
+SHARE = (_SPACING / 0.2) ** 2
+"""Of an independent measurement that each ray is: a floor errs together over some 20 cm, as every surface does."""
+_LITTLE = RaySampling(coarse=4, cells=4)
+"""Rays from below pass the little of the object's box that is under the floor."""
+_LEVEL = 1e-3
+"""An x axis whose level part is shorter than this has no heading."""
+
+
+class FloorFactor(DepthFactor):
+    """Scores of rays from below that end at the floor without having met the object.
+
+    The imagined camera goes along with the object over the floor and turns with it: the floor is the same everywhere,
+    so the factor says nothing of where on it the object stands, nor which way it faces. (Rays that stay where they are
+    do, by falling beside a foot or on it: a false anchor of every object in the world.)
+
+    Frozen by `refresh`, beside what `DepthFactor` freezes: the rays, which cover the object's box.
+    """
+
+    def __init__(
+        self,
+        keys: ObjectKeys,
+        decoder: SdfDecoder,
+        up_world: Float[np.ndarray, "3"],
+        floor: float,
+        *,
+        sigma: float = 0.01,
+        renderer: Renderer | None = None,
+        prior_sigma: float = 0.0,
+        weighting: Weighting | None = None,
+    ) -> None:
+        """`floor` is its height along `up_world` and `sigma` how well that is known, both in metres.
+
+        Each ray is `SHARE` of a measurement, unless a `weighting` is given.
+
+        Raises:
+            FactorError: `up_world` has no direction, or the floor no height.
+        """
+        self._up = np.asarray(up_world, dtype=float)
+        length = np.linalg.norm(self._up)
+        if self._up.shape != (3,) or not np.isfinite(length) or length == 0.0:
+            raise FactorError(f"the floor needs the direction that is up, not {up_world}")
+        if not np.isfinite(floor):
+            raise FactorError(f"the floor cannot be at height {floor}")
+        self._up, self._floor, self._sigma = self._up / length, float(floor), sigma
+        super().__init__(
+            keys, decoder, gtsam.Pose3(), _rays_from_below(1.0, sigma),
+            renderer=renderer, prior_sigma=prior_sigma, sampling=_LITTLE,
+            weighting=weighting or Weighting("information", SHARE),
+        )  # fmt: skip
+
+    def T_world_camera(self, values: gtsam.Values) -> gtsam.Pose3:
+        """Under the object, looking up, its x axis along the object's."""
+        pose = values.atPose3(self.object_keys.pose)
+        x = _level_axis(pose.rotation().matrix()[:, 0], self._up)
+        below = self._floor - _BELOW - self._up @ pose.translation()
+        R_world_camera = np.stack([x, np.cross(self._up, x), self._up], axis=1)
+        return gtsam.Pose3(gtsam.Rot3(R_world_camera), pose.translation() + below * self._up)
+
+    def refresh(self, values: gtsam.Values, annealing: Annealing = Annealing()) -> None:  # noqa: B008
+        reach = float(np.sqrt(3) * BOX_HALF_SIZE * self.state(values).scale.max())
+        self._rays = _rays_from_below(reach, self._sigma)
+        super().refresh(values, annealing)
+
+    def sdf_jacobian(self, query: SdfQuery, jet: SdfJet) -> Float[Tensor, "n d"]:
+        """As if the camera were a variable, carried through to the object's pose, which it follows."""
+        full = sdf_jacobian(query, jet, camera=True)
+        own, camera = full[:, :-CAMERA_DOF], full[:, -CAMERA_DOF:]
+        follows = camera_from_pose(query.state.T_world_object, query.T_world_camera)
+        through = camera @ torch.as_tensor(follows, dtype=full.dtype, device=full.device)
+        return torch.cat([own[:, :POSE_DOF] + through, own[:, POSE_DOF:]], dim=1)
+
+
+def camera_from_pose(T_world_object: gtsam.Pose3, T_world_camera: gtsam.Pose3) -> Float[np.ndarray, "6 6"]:
+    """Derivative of the imagined camera's tangent w.r.t. the object's, both in their body frames."""
+    R_world_object, R_world_camera = T_world_object.rotation().matrix(), T_world_camera.rotation().matrix()
+    up = R_world_camera[:, 2]
+    along = up @ R_world_object
+    follows = np.zeros((CAMERA_DOF, POSE_DOF))
+    level = 1.0 - along[0] ** 2
+    if level > _LEVEL**2:  # the x axis' heading: turned by the rotation about y and about z
+        follows[2, 1:3] = along[1:] / level
+    follows[3:, 3:] = R_world_camera.T @ (np.eye(3) - np.outer(up, up)) @ R_world_object
+    return follows
+
+
+def _level_axis(axis: Float[np.ndarray, "3"], up: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3"]:
+    """Unit level direction of `axis`; a fixed one where it is vertical."""
+    level = axis - (up @ axis) * up
+    if np.linalg.norm(level) <= _LEVEL:
+        level = np.cross(up, np.eye(3)[np.argmin(np.abs(up))])
+    return level / np.linalg.norm(level)
+
+
+def _rays_from_below(reach: float, sigma: float) -> Rays:
+    """Rays that look up from `_BELOW` under the floor and are free as far as it, `reach` metres about the middle.
+
+    Their pattern is turned and off the middle: the legs of a symmetric shape are not hit or missed all at once.
+    """
+    count = int(np.ceil(reach / _SPACING)) + 2
+    steps = np.arange(-count, count + 1)
+    i, j = (axis.ravel() for axis in np.meshgrid(steps + 0.31, steps + 0.17))
+    across = _SPACING * np.column_stack([0.88 * i - 0.475 * j, 0.475 * i + 0.88 * j])
+    across = across[np.linalg.norm(across, axis=1) <= reach + _SPACING]
+    depth = np.full(len(across), _BELOW)
+    directions = np.column_stack([across / _BELOW, np.ones(len(across))])
+    return Rays(directions, depth, np.zeros(len(across), dtype=bool), depth, np.full(len(across), sigma))
