@@ -24,7 +24,8 @@ from factors.priors import code_prior, scale_prior, upright_prior
 from factors.state import ObjectKeys, ObjectState
 from factors.surface import SurfaceFactor
 from factors.weighting import Weighting
-from objgraph.covariance import marginals, surface_sigma
+from objgraph.covariance.marginals import marginals
+from objgraph.covariance.surface import surface_sigma
 from objgraph.datasets.registry import load_scan
 from objgraph.evaluation.maps import evaluated
 from objgraph.initialise import InitialisationConfig, guesses, rank

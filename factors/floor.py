@@ -1,4 +1,4 @@
-"""The floor factor: nothing of an object lies below the floor."""
+"""The floor factor: nothing of an object lies below the floor, and what stands on it touches it."""
 
 import gtsam
 import numpy as np
@@ -10,10 +10,11 @@ from factors.base import Annealing
 from factors.depth import DepthFactor, RaySampling
 from factors.errors import FactorError
 from factors.rays import BOX_HALF_SIZE, Rays
+from factors.reduce import Rows
 from factors.rendering import Renderer
 from factors.sdf import SdfQuery, sdf_jacobian
 from factors.sdf_decoder import SdfDecoder, SdfJet
-from factors.state import CAMERA_DOF, POSE_DOF, ObjectKeys
+from factors.state import CAMERA_DOF, POSE_DOF, ObjectKeys, ObjectState
 from factors.weighting import Weighting
 
 _BELOW = 3.0
@@ -24,16 +25,23 @@ SHARE = (_SPACING / 0.2) ** 2
 """Of an independent measurement that each ray is: a floor errs together over some 20 cm, as every surface does."""
 _LITTLE = RaySampling(coarse=4, cells=4)
 """Rays from below pass the little of the object's box that is under the floor."""
+_TOUCH = 0.01
+"""Metres between the lower side of an object's box and its feet: a decoder draws their ends a little short."""
+_LIFTED = 3.0
+"""Standard deviations of the gap under an object beyond which it is taken less and less to stand on the floor."""
 _LEVEL = 1e-3
 """An x axis whose level part is shorter than this has no heading."""
 
 
 class FloorFactor(DepthFactor):
-    """Scores of rays from below that end at the floor without having met the object.
+    """Scores of rays from below that end at the floor without having met the object, and of the gap under its feet.
 
     The imagined camera goes along with the object over the floor and turns with it: the floor is the same everywhere,
     so the factor says nothing of where on it the object stands, nor which way it faces. (Rays that stay where they are
     do, by falling beside a foot or on it: a false anchor of every object in the world.)
+
+    Of an object that `stands` the lower side of the box that its decoder's shapes fill is at the floor as well. That
+    score is Cauchy's: an object that the views see to hang or to lie on something is let go.
 
     Frozen by `refresh`, beside what `DepthFactor` freezes: the rays, which cover the object's box.
     """
@@ -46,11 +54,14 @@ class FloorFactor(DepthFactor):
         floor: float,
         *,
         sigma: float = 0.01,
+        stands: float | None = None,
         renderer: Renderer | None = None,
         prior_sigma: float = 0.0,
         weighting: Weighting | None = None,
     ) -> None:
         """`floor` is its height along `up_world` and `sigma` how well that is known, both in metres.
+
+        `stands`: canonical distance from the object's origin down to its feet; None where it need not stand.
 
         Each ray is `SHARE` of a measurement, unless a `weighting` is given.
 
@@ -64,6 +75,7 @@ class FloorFactor(DepthFactor):
         if not np.isfinite(floor):
             raise FactorError(f"the floor cannot be at height {floor}")
         self._up, self._floor, self._sigma = self._up / length, float(floor), sigma
+        self._stands = stands
         super().__init__(
             keys, decoder, gtsam.Pose3(), _rays_from_below(1.0, sigma),
             renderer=renderer, prior_sigma=prior_sigma, sampling=_LITTLE,
@@ -90,6 +102,41 @@ class FloorFactor(DepthFactor):
         follows = camera_from_pose(query.state.T_world_object, query.T_world_camera)
         through = camera @ torch.as_tensor(follows, dtype=full.dtype, device=full.device)
         return torch.cat([own[:, :POSE_DOF] + through, own[:, POSE_DOF:]], dim=1)
+
+    def loss(self, values: gtsam.Values) -> float:
+        gap = self._gap(self.state(values))
+        return super().loss(values) + (0.0 if gap is None else _cauchy(gap[0]))
+
+    def rows_of(self, query: SdfQuery, value: Tensor, jet: SdfJet) -> Rows:
+        rows = super().rows_of(query, value, jet)
+        gap = self._gap(query.state)
+        if gap is None:
+            return rows
+        r, jacobian = gap
+        root = 1.0 / np.sqrt(1.0 + (r / _LIFTED) ** 2)
+        row = torch.as_tensor(root * jacobian, dtype=rows.jacobian.dtype)[None]
+        residual = torch.as_tensor([root * r], dtype=rows.residual.dtype)
+        return Rows(
+            torch.cat([rows.jacobian, row]), torch.cat([rows.residual, residual]), rows.loss + _cauchy(r)
+        )
+
+    def _gap(self, state: ObjectState) -> tuple[float, Float[np.ndarray, "d"]] | None:
+        """Height of the feet over the floor in standard deviations, and its derivative; None if it need not stand."""
+        if self._stands is None:
+            return None
+        up_object = self._up @ state.T_world_object.rotation().matrix()
+        foot = np.array([0.0, -self._stands * state.scale[1], 0.0])
+        height = self._up @ state.T_world_object.translation() + up_object @ foot - self._floor
+        jacobian = np.zeros(sum(self.dims))
+        jacobian[:3], jacobian[3:6] = np.cross(foot, up_object), up_object
+        jacobian[POSE_DOF + 1] = up_object @ foot
+        sigma = np.hypot(self._sigma, _TOUCH)
+        return float(height / sigma), jacobian / sigma
+
+
+def _cauchy(r: float) -> float:
+    """Score of a residual; half its square where it is small."""
+    return 0.5 * _LIFTED**2 * float(np.log1p((r / _LIFTED) ** 2))
 
 
 def camera_from_pose(T_world_object: gtsam.Pose3, T_world_camera: gtsam.Pose3) -> Float[np.ndarray, "6 6"]:

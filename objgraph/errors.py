@@ -23,6 +23,10 @@ class SolveError(ObjectGraphError):
     """The optimisation failed; the message names the object or the key."""
 
 
+class CovarianceError(ObjectGraphError, ValueError):
+    """A covariance is no covariance, or not of what it is said to be."""
+
+
 class EvaluationError(ObjectGraphError, ValueError):
     """An estimate or a ground truth cannot be measured: its mesh is empty or flat, or its pose is no pose."""
 
@@ -32,6 +36,7 @@ class MapError(ObjectGraphError, ValueError):
 
 
 __all__ = [
+    "CovarianceError",
     "DatasetError",
     "EvaluationError",
     "FactorError",

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from factors.state import ObjectState
-from objgraph.covariance import ObjectCovariance
+from objgraph.covariance.labelled import ObjectCovariance
 from objgraph.errors import SolveError
 from objgraph.prior.prior import ShapePrior
 from objgraph.sampling import ObjectView

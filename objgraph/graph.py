@@ -12,7 +12,8 @@ from factors.errors import FactorError
 from factors.keys import readable_key
 from factors.rays import Rays
 from factors.state import ObjectKeys, ObjectState
-from objgraph.covariance import ObjectCovariance, joint_covariance
+from objgraph.covariance.labelled import ObjectCovariance
+from objgraph.covariance.marginals import joint_covariance
 from objgraph.diagnostics.undetermined import require_values
 from objgraph.errors import ObservationError, SolveError
 from objgraph.initialise import InitialisationConfig, guesses, rank

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from objgraph import map_checks
-from objgraph.covariance import RIGID_AXES
+from objgraph.covariance.labelled import RIGID_AXES
 from objgraph.errors import MapError
 from objgraph.map_estimate import ESTIMATE_SHAPES, OtherEstimate
 

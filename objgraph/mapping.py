@@ -13,7 +13,8 @@ import numpy as np
 from jaxtyping import Float
 
 from objgraph.adam import AdamConfig, AdamEstimator
-from objgraph.covariance import ObjectCovariance, surface_sigma
+from objgraph.covariance.labelled import ObjectCovariance
+from objgraph.covariance.surface import surface_sigma
 from objgraph.errors import InitialisationError, ObjectGraphError, ObservationError, SolveError
 from objgraph.estimation import Estimate, EstimationTask, Estimator
 from objgraph.floor import estimate_floor

@@ -8,7 +8,8 @@ import numpy as np
 from jaxtyping import Float
 
 from factors.state import ObjectKeys, ObjectState
-from objgraph.covariance import ObjectCovariance, marginals
+from objgraph.covariance.labelled import ObjectCovariance
+from objgraph.covariance.marginals import marginals
 from objgraph.object_factors import GraphConfig, floor_factor, state_priors, view_factors
 from objgraph.prior.prior import ShapePrior
 from objgraph.sampling import ObjectView

@@ -20,7 +20,7 @@ from factors.sdf_decoder import SdfDecoder
 from factors.state import RIGID_DOF, ObjectState
 from objgraph.adam.pool import Pool
 from objgraph.adam.terms import DrawnRays, Linearized, RaySteps, draw_rays, linearize
-from objgraph.covariance import ObjectCovariance
+from objgraph.covariance.labelled import ObjectCovariance
 from objgraph.errors import SolveError
 from objgraph.estimation import Estimate, EstimationTask, unusable
 

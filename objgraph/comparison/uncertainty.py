@@ -2,17 +2,15 @@
 
 from dataclasses import dataclass
 
-import gtsam
 import numpy as np
-import torch
 import trimesh
 import trimesh.sample
 from jaxtyping import Float
 from scipy.stats import pearsonr, spearmanr
 
-from factors.sdf import metres_per_unit, propagated_variance, query_points, sdf_jacobian
 from factors.state import ObjectState
-from objgraph.covariance import ObjectCovariance
+from objgraph.covariance.labelled import ObjectCovariance
+from objgraph.covariance.surface import metric_sdf
 from objgraph.evaluation.placed import PlacedMesh
 from objgraph.observation import GroundTruth
 from objgraph.prior.prior import ShapePrior
@@ -90,12 +88,5 @@ def surface_errors(
     placed = PlacedMesh.of_truth(truth)
     surface = trimesh.Trimesh(placed.p_world, placed.faces, process=False)
     p_world = np.asarray(trimesh.sample.sample_surface(surface, points, seed=seed)[0])
-    # with the camera at the world's origin, camera points are world points
-    query = query_points(prior.decoder, state, gtsam.Pose3(), p_world)
-    jet = prior.decoder.linearize(query.p_object, query.code[None])
-    metres = metres_per_unit(jet.d_point, state).double()
-    jacobian = metres[:, None] * sdf_jacobian(query, jet, camera=False).double()
-    matrix = torch.as_tensor(covariance.matrix, dtype=jacobian.dtype, device=jacobian.device)
-    sigma = propagated_variance(jacobian, matrix).clamp_min(0).sqrt()
-    error = (metres * jet.value.double()).abs()
-    return SurfaceErrors(*(array.detach().cpu().numpy() for array in (error, sigma, metres)))
+    sdf, sigma, metres = metric_sdf(prior.decoder, state, covariance, p_world)
+    return SurfaceErrors(sdf.abs().numpy(), sigma.numpy(), metres.numpy())

@@ -11,7 +11,7 @@ from jaxtyping import Float
 
 from factors.state import ObjectKeys, ObjectState
 from objgraph.association import Detection, MappedCandidate, associate, duplicates
-from objgraph.covariance import ObjectCovariance
+from objgraph.covariance.labelled import ObjectCovariance
 from objgraph.errors import ObjectGraphError
 from objgraph.graph import ObjectGraph
 from objgraph.incremental.config import IncrementalConfig

@@ -152,6 +152,57 @@ def test_a_sphere_in_the_floor_is_pushed_up_and_one_above_is_left_alone():
     assert gradient[5] < 0  # up is downhill
 
 
+def standing(gap: float, seed: int = 1) -> tuple[FloorFactor, gtsam.Values]:
+    """A leaning lump whose feet are this far over the floor, in metres."""
+    state = random_state(np.random.default_rng(seed), 0.3)
+    foot = state.to_world(np.array([[0.0, -0.4, 0.0]]))[0]
+    factor = FloorFactor(KEYS, make_decoder(), UP, float(UP @ foot) - gap, stands=0.4)
+    values = values_of(state)
+    factor.refresh(values, Annealing(60.0))
+    return factor, values
+
+
+@pytest.mark.parametrize("gap", [-0.05, 0.0, 0.02, 0.3])
+def test_standing_adds_cauchys_score_of_the_gap(gap):
+    factor, values = standing(gap)
+    free = FloorFactor(KEYS, factor.decoder, UP, factor._floor)
+    free.refresh(values, Annealing(60.0))
+    r = gap / np.hypot(0.01, 0.01)
+    assert factor.loss(values) - free.loss(values) == pytest.approx(4.5 * np.log1p(r**2 / 9), abs=1e-6)
+
+
+@pytest.mark.parametrize("gap", [-0.05, 0.02, 0.3])
+def test_the_standing_factors_gradient_is_the_numerical_one(gap):
+    factor, values = standing(gap)
+    rows = factor.rows(values)
+    gradient = (rows.residual @ rows.jacobian).numpy()
+    numerical, step = np.zeros(len(gradient)), 1e-5
+    for i in range(len(gradient)):
+        delta = np.zeros(len(gradient))
+        delta[i] = step
+        up, down = (
+            factor.loss(values_of(ObjectState.from_values(values, KEYS).retract(sign * delta)))
+            for sign in (1, -1)
+        )
+        numerical[i] = (up - down) / (2 * step)
+    np.testing.assert_allclose(gradient, numerical, rtol=2e-4, atol=2e-4 * np.abs(numerical).max())
+    graph = gtsam.NonlinearFactorGraph()
+    graph.push_back(factor.gtsam_factor())
+    assert graph.error(values) == pytest.approx(factor.loss(values), rel=1e-9)
+    A, b = graph.linearize(values).at(0).jacobian()
+    np.testing.assert_allclose(-A.T @ b, gradient, rtol=1e-7, atol=1e-7 * np.abs(gradient).max())
+
+
+def test_what_is_far_above_the_floor_is_let_go():
+    pulls = []
+    for gap in (0.01, 0.04, 0.4):
+        factor, values = standing(gap)
+        rows = factor.rows(values)
+        pulls.append(abs(float((rows.residual[-1] * rows.jacobian[-1]).norm())))
+    assert pulls[1] > pulls[0]
+    assert pulls[2] < 0.3 * pulls[1]
+
+
 @pytest.mark.parametrize(("up", "floor"), [((0.0, 0.0, 0.0), 0.0), ((0.0, 0.0, 1.0), np.nan)])
 def test_a_floor_that_is_none_is_refused(up, floor):
     with pytest.raises(FactorError, match="floor"):

@@ -15,7 +15,7 @@ from objgraph.comparison import measure
 from objgraph.comparison.config import ComparisonConfig
 from objgraph.comparison.methods import METHODS, Method
 from objgraph.comparison.rows import ObjectRow
-from objgraph.covariance import RIGID_AXES, ObjectCovariance
+from objgraph.covariance.labelled import RIGID_AXES, ObjectCovariance
 from objgraph.errors import ObservationError, SolveError
 from objgraph.estimation import Estimate, EstimationTask
 from objgraph.initialise import InitialisationConfig

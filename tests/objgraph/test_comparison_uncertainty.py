@@ -10,7 +10,7 @@ import trimesh
 
 from factors.state import ObjectState
 from objgraph.comparison.uncertainty import SurfaceErrors, gaussian_pearson, surface_errors
-from objgraph.covariance import ObjectCovariance
+from objgraph.covariance.labelled import ObjectCovariance
 from objgraph.observation import GroundTruth
 from objgraph.prior.fallback import fallback_prior
 from tests.toys import TOY_CODE, toy_mesh, toy_prior, toy_state
@@ -26,7 +26,7 @@ def truth_of(state: ObjectState) -> GroundTruth:
 
 
 def covariance(matrix: np.ndarray) -> ObjectCovariance:
-    return ObjectCovariance(matrix, tuple(map(str, range(len(matrix)))), "test")
+    return ObjectCovariance.of(matrix, "test")
 
 
 def gaussian(sigma: np.ndarray) -> SurfaceErrors:

@@ -10,7 +10,9 @@ from scipy.stats import chi2
 from factors.base import Annealing
 from factors.priors import code_prior, scale_prior, upright_prior
 from factors.state import ObjectKeys
-from objgraph.covariance import RIGID_AXES, ObjectCovariance, joint_covariance, marginals, surface_sigma
+from objgraph.covariance.labelled import RIGID_AXES, ObjectCovariance
+from objgraph.covariance.marginals import joint_covariance, marginals
+from objgraph.covariance.surface import surface_sigma
 from objgraph.errors import SolveError
 from objgraph.graph import GraphConfig, ObjectGraph
 from objgraph.mapped_object import COVARIANCE_AXES
@@ -264,7 +266,7 @@ def test_surface_sigma_of_one_known_direction():
     decoder, state = ToyDecoder(), toy_state()
     matrix = np.zeros((13, 13))
     matrix[6, 6] = 0.01**2
-    covariance = ObjectCovariance(matrix, (), "made up")
+    covariance = ObjectCovariance.of(matrix, "made up")
     points, normals = flat_places(decoder.double(), state)
     sigma = surface_sigma(decoder, state, covariance, points)
     expected = 0.01 * np.abs(points[:, 0] * normals[:, 0]) * state.scale[0]

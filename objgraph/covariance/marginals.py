@@ -1,17 +1,14 @@
-"""Labelled covariances of an object, from the graph, and what they mean on its surface."""
+"""An object's marginal covariance, from the graph."""
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 
 import gtsam
 import numpy as np
-import torch
 from jaxtyping import Float
 
 from factors.keys import readable_key
-from factors.sdf import metres_per_unit, propagated_variance, query_points, sdf_jacobian
-from factors.sdf_decoder import SdfDecoder
-from factors.state import RIGID_DOF, ObjectKeys, ObjectState
+from factors.state import ObjectKeys
+from objgraph.covariance.labelled import ObjectCovariance
 from objgraph.diagnostics.null_space import TOLERANCE
 from objgraph.diagnostics.undetermined import (
     check_linear,
@@ -22,49 +19,6 @@ from objgraph.diagnostics.undetermined import (
 )
 from objgraph.errors import SolveError
 from objgraph.linear import hessian_diagonal
-
-RIGID_AXES = (
-    *(f"rotation_{axis} [rad, object frame]" for axis in "xyz"),
-    *(f"translation_{axis} [m, object frame]" for axis in "xyz"),
-    *(f"log_scale_{axis} [1, object axis]" for axis in "xyz"),
-)
-"""GTSAM's Pose3 tangent in the body frame, then the log-scale."""
-
-
-@dataclass(frozen=True)
-class ObjectCovariance:
-    """Joint covariance of pose, log-scale and code, with the meaning of every axis."""
-
-    matrix: Float[np.ndarray, "9+l 9+l"]
-    axes: tuple[str, ...]
-    """One label a row: quantity, unit and frame."""
-    source: str
-    """Which estimate this is: "marginals" for the graph's, "adam" for the paper's."""
-
-    @classmethod
-    def of(cls, matrix: Float[np.ndarray, "9+l 9+l"], source: str) -> "ObjectCovariance":
-        """A covariance over [rotation, translation, log-scale, code]."""
-        axes = (*RIGID_AXES, *(f"code_{i} [1]" for i in range(len(matrix) - RIGID_DOF)))
-        return cls(matrix, axes, source)
-
-    @classmethod
-    def diagonal(cls, variance: Float[np.ndarray, "9+l"], source: str) -> "ObjectCovariance":
-        """Independent axes of these variances."""
-        return cls.of(np.diag(variance), source)
-
-    @property
-    def rigid(self) -> Float[np.ndarray, "9 9"]:
-        """Rotation, translation and log-scale."""
-        return self.matrix[:RIGID_DOF, :RIGID_DOF]
-
-    @property
-    def code(self) -> Float[np.ndarray, "l l"]:
-        return self.matrix[RIGID_DOF:, RIGID_DOF:]
-
-    @property
-    def sigma(self) -> Float[np.ndarray, "9+l"]:
-        """Standard deviation of every axis."""
-        return np.sqrt(np.diag(self.matrix))
 
 
 def marginals(graph: gtsam.NonlinearFactorGraph, values: gtsam.Values, keys: ObjectKeys) -> ObjectCovariance:
@@ -107,20 +61,6 @@ def joint_covariance(
         # Cholesky went through by chance
         check_linear(linear, values, objects)
     return 0.5 * (matrix + matrix.T)
-
-
-def surface_sigma(
-    decoder: SdfDecoder,
-    state: ObjectState,
-    covariance: ObjectCovariance,
-    p_object: Float[np.ndarray, "n 3"],
-) -> Float[np.ndarray, "n"]:
-    """Standard deviation, metres, of the surface along its normal at canonical points on it."""
-    query = query_points(decoder, state, gtsam.Pose3(), state.to_world(p_object))
-    jet = decoder.linearize(query.p_object, query.code[None])
-    metres = metres_per_unit(jet.d_point, state).double()
-    jacobian = metres[:, None] * sdf_jacobian(query, jet, camera=False).double()
-    return propagated_variance(jacobian, torch.as_tensor(covariance.matrix)).clamp_min(0).sqrt().numpy()
 
 
 def _is_rounding(

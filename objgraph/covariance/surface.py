@@ -1,0 +1,42 @@
+"""What an object's covariance means on its surface."""
+
+import gtsam
+import numpy as np
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from factors.sdf import metres_per_unit, propagated_variance, query_points, sdf_jacobian
+from factors.sdf_decoder import SdfDecoder
+from factors.state import ObjectState
+from objgraph.covariance.labelled import ObjectCovariance
+
+
+def surface_sigma(
+    decoder: SdfDecoder,
+    state: ObjectState,
+    covariance: ObjectCovariance,
+    p_object: Float[np.ndarray, "n 3"],
+) -> Float[np.ndarray, "n"]:
+    """Standard deviation, metres, of the surface along its normal at canonical points on it."""
+    return metric_sdf(decoder, state, covariance, state.to_world(p_object))[1].numpy()
+
+
+def metric_sdf(
+    decoder: SdfDecoder,
+    state: ObjectState,
+    covariance: ObjectCovariance,
+    p_world: Float[np.ndarray, "n 3"],
+) -> tuple[Float[Tensor, "n"], Float[Tensor, "n"], Float[Tensor, "n"]]:
+    """Signed distance at world points and its standard deviation sqrt(diag(J Σ J^T)) (paper eq:sdf_variance).
+
+    Both in metres; last, metres per unit of the decoder's own values.
+    """
+    # with the camera at the world's origin, camera points are world points
+    query = query_points(decoder, state, gtsam.Pose3(), p_world)
+    jet = decoder.linearize(query.p_object, query.code[None])
+    metres = metres_per_unit(jet.d_point, state).double()
+    jacobian = metres[:, None] * sdf_jacobian(query, jet, camera=False).double()
+    matrix = torch.as_tensor(np.array(covariance.matrix), dtype=jacobian.dtype, device=jacobian.device)
+    sigma = propagated_variance(jacobian, matrix).clamp_min(0).sqrt()
+    return (metres * jet.value.double()).cpu(), sigma.cpu(), metres.cpu()
