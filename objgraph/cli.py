@@ -19,6 +19,7 @@ def main(arguments: list[str] | None = None) -> int:
     # imported here, so that a mistyped word is answered before torch and open3d are loaded
     from objgraph.commands import MapCommand, run_map
     from objgraph.evaluate_command import EvaluateCommand, run_evaluate
+    from objgraph.next_view_command import NextViewCommand, run_next_view
     from objgraph.prior.convert import ConvertConfig, convert_command
     from objgraph.prior.export import train_command
     from objgraph.prior.listing import PriorsCommand, priors_command
@@ -51,6 +52,10 @@ def main(arguments: list[str] | None = None) -> int:
         """Measure a shape prior on a folder of meshes: the best code of each, given all of it and given one view."""
         run_evaluate_prior(command, console)
 
+    def next_view(command: Annotated[NextViewCommand, tyro.conf.arg(name="")]) -> None:
+        """Say from where to look next at a saved map's objects, and what that is expected to tell."""
+        run_next_view(command, console)
+
     def convert_prior(config: Annotated[ConvertConfig, tyro.conf.arg(name="")]) -> None:
         """Make a prior of a DeepSDF experiment folder (specs.json and ModelParameters)."""
         console.print(f"written to {convert_command(config)}")
@@ -63,6 +68,7 @@ def main(arguments: list[str] | None = None) -> int:
         tyro.extras.subcommand_cli_from_dict(
             {
                 "map": map_,
+                "next-view": next_view,
                 "evaluate": evaluate,
                 "train": train,
                 "convert-prior": convert_prior,

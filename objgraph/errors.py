@@ -23,6 +23,10 @@ class SolveError(ObjectGraphError):
     """The optimisation failed; the message names the object or the key."""
 
 
+class ActiveVisionError(ObjectGraphError, ValueError):
+    """No next view can be chosen: there is no candidate, or no object that could be asked about."""
+
+
 class CovarianceError(ObjectGraphError, ValueError):
     """A covariance is no covariance, or not of what it is said to be."""
 
@@ -36,6 +40,7 @@ class MapError(ObjectGraphError, ValueError):
 
 
 __all__ = [
+    "ActiveVisionError",
     "CovarianceError",
     "DatasetError",
     "EvaluationError",

@@ -1,4 +1,4 @@
-"""What mapping gives: the objects of a scene, saved as JSON and GLB."""
+"""What mapping gives: the objects of a scene, saved as JSON, GLB and safetensors."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,7 +11,7 @@ from objgraph.colors import sigma_colors, sigma_limit
 from objgraph.errors import MapError
 from objgraph.mapped_object import MappedObject
 
-VERSION = 2
+VERSION = 3
 """Of the document's layout; a reader refuses another."""
 
 
@@ -45,7 +45,8 @@ class ObjectMap:
         return tuple(entry for entry in self.objects if entry.status == "mapped")
 
     def save(self, folder: Path | str) -> None:
-        """Write `map.json` and one GLB a mesh (world frame; coloured by sigma, its attribute `_SIGMA`).
+        """Write `map.json`, and for each object its mesh (GLB, world frame; coloured by sigma, its attribute `_SIGMA`) and its
+        joint covariance (safetensors).
 
         Over an existing map this is one step: whoever reads sees the old map or the new one. Vertices and
         their sigma are stored in single precision.
@@ -54,10 +55,10 @@ class ObjectMap:
             MapError: the folder cannot be written.
         """
         limit = sigma_limit(entry.vertex_sigma for entry in self.objects)
-        surfaces: dict[str, bytes] = {}
+        files: dict[str, bytes] = {}
         entries = []
         for entry in self.objects:
-            name = None
+            name = joint = None
             if entry.vertices is not None and entry.faces is not None:
                 colors = None
                 if entry.vertex_sigma is not None and limit is not None:
@@ -65,15 +66,19 @@ class ObjectMap:
                 surface = map_files.Surface(entry.vertices, entry.faces, entry.vertex_sigma)
                 data = map_files.encode_surface(surface, colors)
                 name = map_files.surface_name(entry.id, data)
-                surfaces[name] = data
-            entries.append(map_json.to_json(entry, name))
+                files[name] = data
+            if entry.joint_covariance is not None:
+                data = map_files.encode_covariance(entry.joint_covariance)
+                joint = map_files.covariance_name(entry.id, data)
+                files[joint] = data
+            entries.append(map_json.to_json(entry, name, joint))
         document = {
             "version": VERSION,
             "scene": self.scene,
             "up_world": self.up_world.tolist(),
             "objects": entries,
         }
-        map_files.commit(Path(folder), document, surfaces)
+        map_files.commit(Path(folder), document, files)
 
     @classmethod
     def load(cls, folder: Path | str) -> "ObjectMap":

@@ -1,6 +1,6 @@
-"""A map's folder: one JSON document beside one GLB a mesh, committed all at once.
+"""A map's folder: one JSON document beside each object's mesh (GLB) and joint covariance (safetensors), committed at once.
 
-The meshes have their content's hash in their names, so a new one never overwrites one that the old document
+These files have their content's hash in their names, so a new one never overwrites one that the old document
 names; the document is replaced last. A crash at any moment leaves the old map or the new one, whole.
 """
 
@@ -14,12 +14,18 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+import safetensors.numpy
 import trimesh
 from jaxtyping import Float, Int, UInt8
 
 from objgraph.errors import MapError
 
 DOCUMENT = "map.json"
+MESH, JOINT = ".glb", ".safetensors"
+"""What the names of an object's files end with."""
+FILES = {"mesh": MESH, "joint_covariance": JOINT}
+"""The fields of an object's entry that name a file."""
+_COVARIANCE = "covariance"
 _SIGMA = "_SIGMA"
 """GLB's name of the attribute that holds each vertex's standard deviation in metres."""
 
@@ -61,9 +67,36 @@ def read_surface(path: Path) -> Surface:
     return Surface(vertices, faces, None if sigma is None else np.array(sigma, float).reshape(-1))
 
 
+def encode_covariance(matrix: Float[np.ndarray, "d d"]) -> bytes:
+    """The bytes of a safetensors file with the matrix, in double precision."""
+    return safetensors.numpy.save({_COVARIANCE: np.ascontiguousarray(matrix, dtype=np.float64)})
+
+
+def read_covariance(path: Path) -> Float[np.ndarray, "d d"]:
+    """The matrix in a file that `encode_covariance` wrote.
+
+    Raises:
+        MapError: the file is missing, truncated, or holds something else.
+    """
+    try:
+        tensors = safetensors.numpy.load(path.read_bytes())
+        return tensors[_COVARIANCE]
+    except FileNotFoundError as error:
+        raise MapError(
+            f"{path}: the map names this covariance but it is not there; save the map again"
+        ) from error
+    except Exception as error:  # safetensors has an error type of its own for each way to be broken
+        raise MapError(f"{path}: not a safetensors file with one covariance ({error})") from error
+
+
 def surface_name(identifier: int, data: bytes) -> str:
     """The file name of object `identifier`'s mesh."""
-    return f"object_{identifier}_{hashlib.sha256(data).hexdigest()[:8]}.glb"
+    return f"object_{identifier}_{hashlib.sha256(data).hexdigest()[:8]}{MESH}"
+
+
+def covariance_name(identifier: int, data: bytes) -> str:
+    """The file name of object `identifier`'s joint covariance."""
+    return f"object_{identifier}_{hashlib.sha256(data).hexdigest()[:8]}{JOINT}"
 
 
 def read_document(folder: Path) -> dict[str, Any]:
@@ -84,8 +117,8 @@ def read_document(folder: Path) -> dict[str, Any]:
     return document
 
 
-def commit(folder: Path, document: Mapping[str, Any], surfaces: Mapping[str, bytes]) -> None:
-    """Write the meshes, then replace the document, then remove the meshes that only the old one named.
+def commit(folder: Path, document: Mapping[str, Any], files: Mapping[str, bytes]) -> None:
+    """Write the objects' files, then replace the document, then remove the files that only the old one named.
 
     Other files in the folder are left alone.
 
@@ -98,8 +131,8 @@ def commit(folder: Path, document: Mapping[str, Any], surfaces: Mapping[str, byt
         raise MapError(f"{folder / DOCUMENT}: the map cannot be written as JSON ({error})") from error
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        stale = _named_surfaces(folder) - set(surfaces)
-        for name, data in surfaces.items():
+        stale = _named_files(folder) - set(files)
+        for name, data in files.items():
             _replace(folder / name, data)
         _replace(folder / DOCUMENT, text.encode())
         for name in stale:
@@ -108,19 +141,21 @@ def commit(folder: Path, document: Mapping[str, Any], surfaces: Mapping[str, byt
         raise MapError(f"{folder}: the map cannot be written here ({error})") from error
 
 
-def _named_surfaces(folder: Path) -> set[str]:
-    """Files of this folder that the present document, if it can be read, calls its meshes."""
+def _named_files(folder: Path) -> set[str]:
+    """Files of this folder that the present document, if it can be read, calls its objects'."""
     try:
         objects = read_document(folder).get("objects", [])
-        names = {entry.get("mesh") for entry in objects}
+        names = {(entry.get(key), end) for entry in objects for key, end in FILES.items()}
     except (MapError, TypeError, AttributeError):
         return set()
-    return {name for name in names if isinstance(name, str) and is_plain_name(name)}
+    return {name for name, end in names if is_plain_name(name, end)}
 
 
-def is_plain_name(name: str) -> bool:
-    """Whether a mesh's file name stays inside the map's folder and is a GLB's."""
-    return name == os.path.basename(name) and "\\" not in name and name.endswith(".glb")
+def is_plain_name(name: Any, end: str) -> bool:
+    """Whether this is a file name that stays inside the map's folder and ends so."""
+    return (
+        isinstance(name, str) and name == os.path.basename(name) and "\\" not in name and name.endswith(end)
+    )
 
 
 def _replace(path: Path, data: bytes) -> None:

@@ -12,19 +12,19 @@ from objgraph.errors import MapError
 from objgraph.map_estimate import OtherEstimate
 from objgraph.mapped_object import COVARIANCE_AXES, MappedObject, PriorReference
 
-_IN_GLB = ("vertices", "faces", "vertex_sigma")
-_JSON_FIELDS = tuple(f.name for f in fields(MappedObject) if f.name not in _IN_GLB)
+_IN_FILES = ("vertices", "faces", "vertex_sigma", "joint_covariance")
+_JSON_FIELDS = tuple(f.name for f in fields(MappedObject) if f.name not in _IN_FILES)
 
 
-def to_json(entry: MappedObject, mesh: str | None) -> dict[str, Any]:
-    """An object's entry in the document; `mesh` names the GLB file of its surface."""
+def to_json(entry: MappedObject, mesh: str | None, joint: str | None) -> dict[str, Any]:
+    """An object's entry in the document; `mesh` and `joint` name the files of its surface and joint covariance."""
     document = {name: getattr(entry, name) for name in _JSON_FIELDS}
     document = {k: v.tolist() if isinstance(v, np.ndarray) else v for k, v in document.items()}
     document["views"] = list(entry.views)
     document["prior"] = _prior_to_json(entry.prior)
     document["other"] = None if entry.other is None else entry.other.to_json()
     document["covariance_axes"] = None if entry.covariance is None else list(COVARIANCE_AXES)
-    document["mesh"] = mesh
+    document |= {"mesh": mesh, "joint_covariance": joint}
     return document
 
 
@@ -43,7 +43,7 @@ def from_json(document: Any, index: int, folder: Path) -> MappedObject:
     where = f"{folder / map_files.DOCUMENT}: objects[{index}]"
     if not isinstance(document, dict):
         raise MapError(f"{where} is no JSON object")
-    require(document, (*_JSON_FIELDS, "covariance_axes", "mesh"), where)
+    require(document, (*_JSON_FIELDS, "covariance_axes", *map_files.FILES), where)
     if document["covariance"] is not None and document["covariance_axes"] != list(COVARIANCE_AXES):
         raise MapError(f"{where}: covariance_axes are not {list(COVARIANCE_AXES)}")
     given = {name: document[name] for name in _JSON_FIELDS}
@@ -54,11 +54,16 @@ def from_json(document: Any, index: int, folder: Path) -> MappedObject:
     for name, kind in (("views", list), ("seconds_by_stage", dict), ("evaluation", dict | None)):
         if not isinstance(given[name], kind):
             raise MapError(f"{where}: {name} is a {type(given[name]).__name__}")
-    if (mesh := document["mesh"]) is not None:
-        if not isinstance(mesh, str) or not map_files.is_plain_name(mesh):
-            raise MapError(f"{where}: mesh {mesh!r} is not the name of a GLB file in the map's folder")
-        surface = map_files.read_surface(folder / mesh)
+    for name, end in map_files.FILES.items():
+        if document[name] is not None and not map_files.is_plain_name(document[name], end):
+            raise MapError(
+                f"{where}: {name} {document[name]!r} is not the name of a {end} file in the map's folder"
+            )
+    if document["mesh"] is not None:
+        surface = map_files.read_surface(folder / document["mesh"])
         given |= {"vertices": surface.vertices, "faces": surface.faces, "vertex_sigma": surface.sigma}
+    if document["joint_covariance"] is not None:
+        given["joint_covariance"] = map_files.read_covariance(folder / document["joint_covariance"])
     try:
         given["other"] = None if given["other"] is None else OtherEstimate.from_json(given["other"])
         return MappedObject(**given)

@@ -4,11 +4,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
+import gtsam
 import numpy as np
 from jaxtyping import Float, Int
 
+from factors.state import RIGID_DOF, ObjectState
 from objgraph import map_checks
-from objgraph.covariance.labelled import RIGID_AXES
+from objgraph.covariance.labelled import RIGID_AXES, ObjectCovariance
 from objgraph.errors import MapError
 from objgraph.map_estimate import ESTIMATE_SHAPES, OtherEstimate
 
@@ -33,6 +35,7 @@ _SHAPES: dict[str, tuple[int | None, ...]] = {
     "vertices": (None, 3),
     "faces": (None, 3),
     "vertex_sigma": (None,),
+    "joint_covariance": (None, None),
 }
 _NUMBERS = ("cost_initial", "cost_final", "seconds")
 _COUNTS = ("linearizations", "error_evaluations")
@@ -100,6 +103,8 @@ class MappedObject:
     """Counter-clockwise seen from outside."""
     vertex_sigma: Float[np.ndarray, "v"] | None = None
     """Standard deviation of the surface at each vertex, metres."""
+    joint_covariance: Float[np.ndarray, "9+l 9+l"] | None = None
+    """Of pose, log-scale and code together; `covariance` and `code_sigma` are parts of it."""
 
     def __post_init__(self) -> None:
         label = _label(self)
@@ -125,6 +130,21 @@ class MappedObject:
             self._put("evaluation", values)
         _check_consistency(self)
 
+    @property
+    def state(self) -> ObjectState:
+        """Pose, scale and code; raises MapError of an object that is not mapped."""
+        if self.T_world_object is None or self.scale is None or self.code is None:
+            raise MapError(f"{_label(self)} is not mapped: {self.reason}")
+        return ObjectState(gtsam.Pose3(self.T_world_object), np.log(self.scale), np.array(self.code))
+
+    @property
+    def uncertainty(self) -> ObjectCovariance:
+        """The joint covariance; raises MapError where the map has none."""
+        if self.joint_covariance is None:
+            raise MapError(f"{_label(self)} has no joint covariance; map it again")
+        source = "adam" if self.estimator == "adam" else "marginals"
+        return ObjectCovariance.of(self.joint_covariance, source, f"{self.category} {self.id}")
+
     def _put(self, name: str, value: Any) -> None:
         object.__setattr__(self, name, value)
 
@@ -145,7 +165,21 @@ def _check_consistency(entry: MappedObject) -> None:
         raise _bad(entry, "covariance", "has a negative variance")
     if entry.code is not None and entry.code_sigma is not None and len(entry.code) != len(entry.code_sigma):
         raise _bad(entry, "code_sigma", f"has {len(entry.code_sigma)} entries, the code {len(entry.code)}")
+    _check_joint(entry)
     _check_surface(entry)
+
+
+def _check_joint(entry: MappedObject) -> None:
+    joint = entry.joint_covariance
+    if joint is None:
+        return
+    length = None if entry.code is None else RIGID_DOF + len(entry.code)
+    if joint.shape != (length, length):
+        raise _bad(entry, "joint_covariance", f"has shape {joint.shape}, not {length} x {length}")
+    parts = [(entry.covariance, joint[:RIGID_DOF, :RIGID_DOF])]
+    parts.append((entry.code_sigma, np.sqrt(np.abs(np.diag(joint)[RIGID_DOF:]))))
+    if any(part is not None and not np.allclose(part, of, rtol=1e-6, atol=1e-12) for part, of in parts):
+        raise _bad(entry, "joint_covariance", "contradicts covariance or code_sigma")
 
 
 def _check_surface(entry: MappedObject) -> None:

@@ -183,6 +183,7 @@ def map_object(
         vertices=state.to_world(np.asarray(mesh.vertices)),
         faces=np.asarray(mesh.faces),
         vertex_sigma=sigma,
+        joint_covariance=covariance.matrix,
     )
 
 

@@ -1,0 +1,77 @@
+"""Cameras to choose among: about an object, or wherever the caller can go."""
+
+from collections.abc import Callable, Sequence
+
+import gtsam
+import numpy as np
+from jaxtyping import Float
+
+from objgraph.errors import ActiveVisionError
+
+Reachable = Callable[[gtsam.Pose3], bool]
+"""Says of T_world_camera whether a camera can be brought there."""
+_GOLDEN = np.pi * (3 - np.sqrt(5))
+
+
+def looking_at(
+    eye: Float[np.ndarray, "3"], target: Float[np.ndarray, "3"], up_world: Float[np.ndarray, "3"]
+) -> gtsam.Pose3:
+    """T_world_camera of a level camera (x right, y down, z forward) at `eye` whose axis goes through `target`.
+
+    Raises:
+        ActiveVisionError: the two are one point.
+    """
+    forward = np.asarray(target, float) - eye
+    length = np.linalg.norm(forward)
+    if not length > 0:
+        raise ActiveVisionError(f"a camera at {eye} cannot look at the point where it is")
+    forward = forward / length
+    right = np.cross(forward, up_world)
+    if np.linalg.norm(right) < 1e-6:  # straight up or down: any level direction is to the right
+        right = np.cross(forward, np.eye(3)[np.argmin(np.abs(forward))])
+    right = right / np.linalg.norm(right)
+    R = np.stack([right, np.cross(forward, right), forward], axis=1)
+    return gtsam.Pose3(gtsam.Rot3(R), np.asarray(eye, float))
+
+
+def sphere(
+    centre: Float[np.ndarray, "3"],
+    radius: float,
+    up_world: Float[np.ndarray, "3"],
+    count: int,
+    elevations: tuple[float, float] = (0.0, 75.0),
+) -> list[gtsam.Pose3]:
+    """`count` cameras that look at `centre` from a distance, evenly spread between two elevations in degrees.
+
+    Raises:
+        ActiveVisionError: there are none, the radius is not positive, or the elevations do not rise within -90 to 90.
+    """
+    low, high = elevations
+    if count < 1 or not radius > 0 or not -90 <= low <= high <= 90:
+        raise ActiveVisionError(
+            f"cameras on a sphere need a count ({count}), a radius ({radius}) and rising elevations ({elevations})"
+        )
+    up = np.asarray(up_world, float) / np.linalg.norm(up_world)
+    east = np.cross(up, np.eye(3)[np.argmin(np.abs(up))])
+    east = east / np.linalg.norm(east)
+    north = np.cross(up, east)
+    steps = np.arange(count)
+    # equal areas of the zone: the sine of the elevation rises evenly
+    sine = np.sin(np.radians(low)) + (steps + 0.5) / count * (
+        np.sin(np.radians(high)) - np.sin(np.radians(low))
+    )
+    level = np.sqrt(1 - sine**2)
+    bearing = _GOLDEN * steps
+    away = (
+        level[:, None] * (np.cos(bearing)[:, None] * east + np.sin(bearing)[:, None] * north)
+        + sine[:, None] * up
+    )
+    return [looking_at(centre + radius * each, centre, up) for each in away]
+
+
+def reachable(cameras: Sequence[gtsam.Pose3], can_reach: Reachable | None) -> list[gtsam.Pose3]:
+    """Those that the callback lets pass; raises ActiveVisionError where none does."""
+    kept = [camera for camera in cameras if can_reach is None or can_reach(camera)]
+    if not kept:
+        raise ActiveVisionError(f"none of {len(cameras)} cameras can be reached; offer others")
+    return kept

@@ -1,0 +1,168 @@
+"""Which view to take next: what each candidate camera is expected to tell, from the estimate alone.
+
+No image is needed: a camera sees those points of the estimated surfaces that face it, lie in its picture and are hidden by
+nothing, and a point tells what the 3D and the 2D factor would make of it there. Linearised once at the estimate, a
+candidate's expected information is H = sum_i w_i J_i^T J_i over what it sees, and its gain of information
+1/2 log det(I + Sigma H): the mutual information of state and measurement under the Gaussian (Lindley 1956;
+MacKay, "Information-based objective functions for active data selection", 1992).
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Literal
+
+import gtsam
+import numpy as np
+import open3d as o3d
+from jaxtyping import Bool, Float
+
+from objgraph.active.known_object import KnownObject
+from objgraph.errors import ActiveVisionError
+from objgraph.observation import Intrinsics
+from objgraph.sampling import SensorNoise, patch_shares
+
+Criterion = Literal["information", "pose", "surface"]
+_FACTORS = 2.0
+"""The 3D and the 2D factor, each of which counts what it sees."""
+_GRAZING = 0.1
+"""Cosine between the surface's normal and the line of sight below which depth is not measured."""
+_HIDDEN = 0.02
+"""Metres in front of a point at which something hides it: less is the surface itself."""
+
+
+@dataclass(frozen=True)
+class ViewConfig:
+    """The camera to be moved, and how its measurements will be weighed."""
+
+    intrinsics: Intrinsics = field(default_factory=lambda: Intrinsics(525.0, 525.0, 319.5, 239.5, 640, 480))
+    noise: SensorNoise = field(default_factory=SensorNoise)
+    near: float = 0.3
+    """Depths closer than this are not measured, metres."""
+    far: float = 5.0
+    patch: float = 0.2
+    """As `SamplingConfig.patch`."""
+    evidence: float = 1.0
+    """As `GraphConfig.evidence`."""
+    min_share: float = 0.1
+    """Of an object's surface that must be seen for the view to be one of it."""
+
+
+@dataclass(frozen=True)
+class ObjectGain:
+    """What a view is expected to tell of one object."""
+
+    information: float
+    """Expected gain of information on pose, scale and code together, nats."""
+    pose: float
+    """The same on the 9-DoF pose alone."""
+    surface: float
+    """Expected decrease of the mean variance over the whole surface, square metres."""
+    seen: float
+    """Share of the surface's points that are seen."""
+
+
+@dataclass(frozen=True)
+class ViewGain:
+    """What a camera at T_world_camera is expected to tell of each object."""
+
+    T_world_camera: gtsam.Pose3
+    objects: dict[str, ObjectGain]
+
+    def total(self, criterion: Criterion = "information") -> float:
+        """Over all objects: what they do not share is added up."""
+        return sum(getattr(gain, criterion) for gain in self.objects.values())
+
+
+def next_views(
+    objects: Sequence[KnownObject],
+    cameras: Sequence[gtsam.Pose3],
+    config: ViewConfig | None = None,
+    *,
+    criterion: Criterion = "information",
+    others: Sequence[tuple[np.ndarray, np.ndarray]] = (),
+    progress: Callable[[int, int], None] | None = None,
+) -> list[ViewGain]:
+    """The candidates, the most telling first; thousands take seconds.
+
+    `others` are meshes (vertices in the world, faces) that only hide: walls, furniture that is not asked about.
+
+    Raises:
+        ActiveVisionError: there is no object, or no camera.
+    """
+    if not objects or not cameras:
+        raise ActiveVisionError(f"{len(objects)} objects and {len(cameras)} cameras: both must be some")
+    config = config or ViewConfig()
+    scene = o3d.t.geometry.RaycastingScene()
+    for vertices, faces in [*((known.vertices, known.faces) for known in objects), *others]:
+        scene.add_triangles(np.asarray(vertices, np.float32), np.asarray(faces, np.uint32))
+    gains: list[dict[str, ObjectGain]] = [{} for _ in cameras]
+    for i, known in enumerate(objects):
+        judge = _Judge(known, config)
+        for gain, camera in zip(gains, cameras, strict=True):
+            gain[known.name] = judge.gain(camera, scene)
+        if progress is not None:
+            progress(i + 1, len(objects))
+    found = [ViewGain(camera, gain) for camera, gain in zip(cameras, gains, strict=True)]
+    return sorted(found, key=lambda view: -view.total(criterion))
+
+
+def expected_information(
+    known: KnownObject, T_world_camera: gtsam.Pose3, seen: Bool[np.ndarray, "m"], config: ViewConfig
+) -> Float[np.ndarray, "d d"]:
+    """What a view that sees these points is expected to add to the object's information matrix."""
+    p_camera = _in_camera(known.points[seen], T_world_camera)
+    share = np.minimum(1.0, config.evidence * patch_shares(p_camera, config.patch, most=0.25))
+    variance = config.noise(p_camera[:, 2]) ** 2 + known.residual[seen] ** 2
+    jacobian = known.jacobian[seen]
+    return _FACTORS * (jacobian * (share / variance)[:, None]).T @ jacobian
+
+
+def visible(
+    known: KnownObject, T_world_camera: gtsam.Pose3, scene: o3d.t.geometry.RaycastingScene, config: ViewConfig
+) -> Bool[np.ndarray, "m"]:
+    """Which of the object's points face the camera, lie in its picture and range, and are hidden by nothing."""
+    p_camera = _in_camera(known.points, T_world_camera)
+    depth = p_camera[:, 2]
+    intrinsics = config.intrinsics
+    seen = (depth > config.near) & (depth < config.far)
+    pixel = intrinsics.project(np.where(seen[:, None], p_camera, [[0.0, 0.0, 1.0]]))
+    seen &= (pixel >= 0).all(axis=1) & (pixel < [intrinsics.width, intrinsics.height]).all(axis=1)
+    sight = known.points - T_world_camera.translation()
+    distance = np.linalg.norm(sight, axis=1)
+    seen &= -(sight * known.normals).sum(axis=1) > _GRAZING * distance
+    if seen.any():
+        eye = np.broadcast_to(T_world_camera.translation(), sight[seen].shape)
+        rays = np.concatenate([eye, sight[seen] / distance[seen, None]], axis=1).astype(np.float32)
+        first = scene.cast_rays(o3d.core.Tensor(rays))["t_hit"].numpy()
+        seen[seen] = first > distance[seen] - _HIDDEN
+    return seen
+
+
+class _Judge:
+    """One object's gains: what does not depend on the camera is computed once."""
+
+    def __init__(self, known: KnownObject, config: ViewConfig) -> None:
+        self.known, self.config = known, config
+        self.covariance = np.linalg.inv(known.information)
+        self.log_det = np.linalg.slogdet(known.information)[1]
+        self.pose_log_det = np.linalg.slogdet(self.covariance[:9, :9])[1]
+        self.surface = known.jacobian.T @ known.jacobian / len(known.jacobian)
+        self.variance = float((self.surface * self.covariance).sum())
+
+    def gain(self, camera: gtsam.Pose3, scene: o3d.t.geometry.RaycastingScene) -> ObjectGain:
+        seen = visible(self.known, camera, scene, self.config)
+        share = float(seen.mean())
+        if share < self.config.min_share:
+            return ObjectGain(0.0, 0.0, 0.0, share)
+        information = self.known.information + expected_information(self.known, camera, seen, self.config)
+        after = np.linalg.inv(information)
+        return ObjectGain(
+            0.5 * float(np.linalg.slogdet(information)[1] - self.log_det),
+            0.5 * float(self.pose_log_det - np.linalg.slogdet(after[:9, :9])[1]),
+            self.variance - float((self.surface * after).sum()),
+            share,
+        )
+
+
+def _in_camera(points: Float[np.ndarray, "n 3"], T_world_camera: gtsam.Pose3) -> Float[np.ndarray, "n 3"]:
+    return (points - T_world_camera.translation()) @ T_world_camera.rotation().matrix()

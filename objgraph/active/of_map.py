@@ -1,0 +1,48 @@
+"""The objects of a saved map as active vision takes them."""
+
+from collections.abc import Collection, Sequence
+
+from objgraph.active.known_object import KnownObject, known_object
+from objgraph.errors import ActiveVisionError, MapError
+from objgraph.map import ObjectMap
+from objgraph.mapped_object import MappedObject
+from objgraph.prior.prior import ShapePrior
+from objgraph.prior.registry import prior_for
+
+
+def known_objects(
+    object_map: ObjectMap, ids: Collection[int] = (), priors: Sequence[ShapePrior] = (), points: int = 600
+) -> list[KnownObject]:
+    """The mapped objects, or those of some ids, each decoded by the prior that it was mapped with.
+
+    Raises:
+        ActiveVisionError: no object is mapped, or one that is asked for is not.
+        MapError: an object has no joint covariance, or was mapped with another prior than the one at hand.
+    """
+    mapped = {entry.id: entry for entry in object_map.mapped}
+    missing = sorted(set(ids) - set(mapped))
+    if missing or not mapped:
+        what = f"objects {missing} are not" if missing else "no object is"
+        raise ActiveVisionError(f"map of {object_map.scene}: {what} mapped; mapped are {sorted(mapped)}")
+    chosen = [mapped[i] for i in ids] if ids else [*mapped.values()]
+    return [
+        known_object(
+            f"{entry.category} {entry.id}",
+            _prior(entry, priors),
+            entry.state,
+            entry.uncertainty,
+            points=points,
+        )
+        for entry in chosen
+    ]
+
+
+def _prior(entry: MappedObject, priors: Sequence[ShapePrior]) -> ShapePrior:
+    prior = prior_for(entry.category, priors)
+    found = prior.card.get("sha256", "unknown")
+    if entry.prior is not None and entry.prior.hash != found:
+        raise MapError(
+            f"object {entry.id} ({entry.category}) was mapped with prior {entry.prior.name} {entry.prior.hash[:12]}, "
+            f"the one at hand is {found[:12]}: give its file, or map it again"
+        )
+    return prior
