@@ -36,9 +36,20 @@ def a_map_grows(out: Path) -> None:
     assert len(read_tum(out / "with_objects.txt")) == 7
 
 
+def the_next_view_is_chosen(out: Path) -> None:
+    metrics = json.loads((out / "metrics.json").read_text())
+    assert (metrics["objects"], metrics["views_next_best"]) == (1, 4)
+    assert -1 <= metrics["gain_correlation"] <= 1
+    assert {"views_random", "views_even"} <= set(metrics)
+    assert set(metrics["curves"]["chamfer_m"]["next_best"]) == {"1", "2", "3", "4"}
+    for name in ("information.png", "active_vision.png"):
+        assert (out / name).stat().st_size > 10_000
+
+
 EXAMPLES: dict[str, tuple[list[str], Callable[[Path], None]]] = {
     "scannet_graph": (["--views", "2"], maps_every_object),
     "slam_with_objects": (["--frames", "12", "--objects", "1"], objects_hold_the_cameras),
+    "active_vision": (["--objects", "1", "--most", "2"], the_next_view_is_chosen),
     "incremental": (["--frames", "7", "--laps", "0.7", "--objects", "1"], a_map_grows),
 }
 

@@ -5,12 +5,13 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Literal, get_args
 
+import gtsam
 import numpy as np
 from numpy.random import Generator
 
 from objgraph.benchmark.families import FAMILIES, make_piece
 from objgraph.benchmark.meshes import choose_meshes, mesh_furniture
-from objgraph.benchmark.viewpoints import VIEWS, Pose, Scene, Spacing, draw_scene, intrinsics
+from objgraph.benchmark.viewpoints import VIEWS, Pose, Scene, Spacing, can_hold, draw_scene, intrinsics
 from objgraph.errors import DatasetError
 from objgraph.observation import Frame, FrameSource, GroundTruth, Instance, Scan
 from objgraph.synthetic.camera import CameraConfig, camera_matrix
@@ -22,6 +23,8 @@ SIZES = {"small": 6, "standard": 24, "full": 100}
 """Objects a category."""
 _NUMBERS: dict[Category, int] = {"chair": 0, "table": 1}  # in the seeds: never to be changed
 _TARGET = 1
+UP = np.array([0.0, 0.0, 1.0])
+"""Of every case's world."""
 
 
 @dataclass(frozen=True)
@@ -76,19 +79,29 @@ class Case:
             DatasetError: the object cannot be seen.
             PriorError: its mesh file cannot be read any more.
         """
+        world = self.world()
+        cameras = world.scene.cameras[self.spacing]
+        # each frame has its own noise, so that the first is the same for either spacing
+        frames = [
+            world.frame(gtsam.Pose3(_raised(pose, world.floor)), str(k), rng)
+            for k, (pose, rng) in enumerate(zip(cameras, world.noise.spawn(VIEWS), strict=True))
+        ]
+        return Scan(self.id, _Frames(frames), (self.instance,), UP, {self.instance.id: world.truth})
+
+    def world(self) -> "World":
+        """The room itself, to be seen from anywhere: always the same. Raises as `scan` does."""
         shape, scene, color, noise = self._generator().spawn(4)
         piece = self._piece(shape)
         # where the floor lies is for the estimator to find
         floor = float(shape.uniform(-1, 1))
         drawn = draw_scene(piece, scene)
-        frames = self._render(drawn, floor, color, noise)
-        target = drawn.room.target
+        target, room = drawn.room.target, drawn.room
         truth = GroundTruth(
             _raised(target.T_world_object, floor), target.scale, piece.mesh.vertices.view(np.ndarray).copy(),
             piece.mesh.faces.view(np.ndarray).copy(), piece.symmetry,
         )  # fmt: skip
-        up = np.array([0.0, 0.0, 1.0])
-        return Scan(self.id, frames, (self.instance,), up, {self.instance.id: truth})
+        renderer = Renderer([room.target, *room.clutter], list(room.shell), color)
+        return World(drawn, floor, truth, self.sensor, renderer, noise)
 
     def views(self, count: int) -> tuple[int, ...]:
         """Indices of the first `count` views among the scan's frames. Raises `DatasetError` beyond 1 to 3."""
@@ -104,18 +117,44 @@ class Case:
             return mesh_furniture(self.category, self.mesh, rng)
         return make_piece(self.category, _family(self.category, self.index), rng)
 
-    def _render(self, scene: Scene, floor: float, color: Generator, noise: Generator) -> FrameSource:
-        camera = CameraConfig()
-        room = scene.room
-        renderer = Renderer([room.target, *room.clutter], list(room.shell), color)
-        frames = []
-        # each frame has its own noise, so that the first is the same for either spacing
-        for k, (pose, rng) in enumerate(zip(scene.cameras[self.spacing], noise.spawn(VIEWS), strict=True)):
-            view = renderer.render(camera_matrix(camera), pose, camera.width, camera.height)
-            depth = sense_depth(view.depth, view.incidence, self.sensor, rng)
-            instances = sense_masks(view.instances, self.sensor, rng)
-            frames.append(Frame(str(k), depth, intrinsics(), _raised(pose, floor), instances, view.color))
-        return _Frames(frames)
+
+@dataclass(frozen=True)
+class World:
+    """A case's room with its floor at some height: what a camera sees of it, and where one can be held."""
+
+    scene: Scene
+    """As it was drawn, with its floor at zero."""
+    floor: float
+    truth: GroundTruth
+    """Of the target; for evaluation alone."""
+    sensor: SensorConfig
+    renderer: Renderer
+    noise: Generator
+
+    def frame(self, T_world_camera: gtsam.Pose3, name: str, rng: Generator) -> Frame:
+        """What the sensor makes of a view; the noise is drawn from `rng`."""
+        camera, pose = CameraConfig(), T_world_camera.matrix()
+        drawn = _raised(pose, -self.floor)
+        view = self.renderer.render(camera_matrix(camera), drawn, camera.width, camera.height)
+        depth = sense_depth(view.depth, view.incidence, self.sensor, rng)
+        return Frame(
+            name, depth, intrinsics(), pose, sense_masks(view.instances, self.sensor, rng), view.color
+        )
+
+    def can_hold(self, T_world_camera: gtsam.Pose3) -> bool:
+        """Whether a person can hold a camera there: in the room and over no furniture."""
+        return can_hold(self.scene.room, T_world_camera.translation()[:2])
+
+    def first_camera(self) -> gtsam.Pose3:
+        """T_world_camera of the case's first view, which is the same in either spacing."""
+        return gtsam.Pose3(_raised(self.scene.cameras["wide"][0], self.floor))
+
+    def clutter(self) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Vertices and faces of what else is in the room."""
+        room, lift = self.scene.room, np.array([0.0, 0.0, self.floor])
+        meshes = [(piece.p_world, piece.piece.mesh.faces) for piece in room.clutter]
+        meshes += [(part.vertices, part.faces) for part in room.shell]
+        return [(np.asarray(vertices) + lift, np.asarray(faces)) for vertices, faces in meshes]
 
 
 def synthetic_cases(config: BenchmarkConfig) -> list[Case]:

@@ -164,17 +164,18 @@ class _Photographer:
         eye = np.array(
             [self.middle[0] + level * np.cos(bearing), self.middle[1] + level * np.sin(bearing), height]
         )
-        if not self._free(eye[:2]):
+        if not can_hold(self.room, eye[:2]):
             return None
         T = look_at(eye, aim, np.array([0.0, 0.0, 1.0]), intrinsics()).T_world_camera
         c, s = np.cos(roll), np.sin(roll)
         T[:3, :3] = T[:3, :3] @ np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
         return T if self.view.good(T) else None
 
-    def _free(self, at: Float[np.ndarray, "2"]) -> bool:
-        """Whether a person can hold a camera there: in the room and over no furniture."""
-        in_room = np.all(np.abs(at) <= np.array(self.room.size_m) / 2 - _FROM_WALL_M)
-        return bool(in_room) and not any(_within(at, corners) for corners in self.room.occupied)
+
+def can_hold(room: Room, at: Float[np.ndarray, "2"]) -> bool:
+    """Whether a person can hold a camera above this place of the floor: in the room and over no furniture."""
+    in_room = np.all(np.abs(at) <= np.array(room.size_m) / 2 - _FROM_WALL_M)
+    return bool(in_room) and not any(_within(at, corners) for corners in room.occupied)
 
 
 def _within(at: Float[np.ndarray, "2"], corners: Float[np.ndarray, "4 2"]) -> bool:

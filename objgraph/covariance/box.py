@@ -1,6 +1,6 @@
 """An object's box as its 9-DoF pose, and how well it is known: scale and code share the size, a box has it whole."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import gtsam
 import numpy as np
@@ -18,6 +18,20 @@ _OUTERMOST = 0.01
 """Share of an extent within which a vertex belongs to the box's side."""
 _FACING = 0.9
 """Cosine between the surface's normal and the side's above which it tells how the side moves."""
+
+
+@dataclass(frozen=True)
+class BoxMisfit:
+    """How far the box of a real object lies from that of the best shape that a prior can make of it.
+
+    No covariance of pose, scale and code knows of it: it says how well these are known, not what they leave out.
+    """
+
+    centre: float = 0.0056
+    """Standard deviation of each coordinate of the centre, metres."""
+    log_extent: float = 0.043
+    """Standard deviation of each extent's logarithm."""
+
 
 BOX_AXES = (
     *(f"rotation_{axis} [rad, object frame]" for axis in "xyz"),
@@ -44,27 +58,35 @@ def box_pose(
     state: ObjectState,
     covariance: ObjectCovariance,
     p_object: Float[np.ndarray, "v 3"] | None = None,
+    misfit: BoxMisfit | None = None,
 ) -> BoxPose:
-    """The object's box, with the covariance that `covariance` gives it.
+    """The object's box, with the covariance that `covariance` gives it and the prior's `misfit` added.
 
     Every shape of a prior with a `box` fills that box, whatever the decoder may have drawn too short: scale times the
     box is then the better estimate of the extents, and the code says nothing of them. Of any other prior it is the
     box about `p_object`, the canonical vertices of the object's mesh, which are made where they are not given.
+    The default misfit is the likeliest on development objects (docs/covariances.md).
 
     Raises:
         SolveError: the code has no surface, or no surface faces one of the sides.
     """
     if prior.box is not None:
-        extents = state.scale * prior.box
-        rigid = LabelledCovariance(covariance.rigid, BOX_AXES, covariance.source, covariance.subject)
-        return BoxPose(state.T_world_object, extents, rigid)
-    if p_object is None:
-        p_object = np.asarray(extract_mesh(prior.decoder, state.code).vertices)
-    jacobian = box_jacobian(prior.decoder, state, p_object)
-    low, high = state.scale * p_object.min(axis=0), state.scale * p_object.max(axis=0)
-    centre = state.T_world_object.transformFrom((low + high) / 2)
-    T_world_box = gtsam.Pose3(state.T_world_object.rotation(), centre)
-    return BoxPose(T_world_box, high - low, covariance.mapped(jacobian, BOX_AXES))
+        centre, extents = state.T_world_object.translation(), state.scale * prior.box
+        jacobian = np.eye(9, len(covariance.matrix))
+    else:
+        if p_object is None:
+            p_object = np.asarray(extract_mesh(prior.decoder, state.code).vertices)
+        jacobian = box_jacobian(prior.decoder, state, p_object)
+        low, high = state.scale * p_object.min(axis=0), state.scale * p_object.max(axis=0)
+        centre, extents = state.T_world_object.transformFrom((low + high) / 2), high - low
+    misfit = misfit or BoxMisfit()
+    added = np.diag(np.square([0.0] * 3 + [misfit.centre] * 3 + [misfit.log_extent] * 3))
+    known = covariance.mapped(jacobian, BOX_AXES)
+    return BoxPose(
+        gtsam.Pose3(state.T_world_object.rotation(), centre),
+        extents,
+        replace(known, matrix=known.matrix + added),
+    )
 
 
 def box_jacobian(

@@ -7,11 +7,12 @@ import numpy as np
 import pytest
 
 from factors.state import ObjectState
-from objgraph.covariance.box import BOX_AXES, box_jacobian, box_pose
+from objgraph.covariance.box import BOX_AXES, BoxMisfit, box_jacobian, box_pose
 from objgraph.covariance.labelled import ObjectCovariance
 from objgraph.errors import SolveError
 from tests.toys import ToyDecoder, toy_mesh, toy_prior, toy_state
 
+NONE = BoxMisfit(0.0, 0.0)
 COVARIANCE = ObjectCovariance.diagonal(np.square(np.linspace(0.01, 0.05, 13)), "marginals", "chair 1")
 
 
@@ -42,7 +43,7 @@ def test_the_boxs_derivative_is_the_numerical_one():
 
 def test_the_box_is_that_of_the_mesh_and_has_its_propagated_covariance():
     prior, state = toy_prior(), toy_state()
-    found = box_pose(prior, state, COVARIANCE, surface_points(state.code))
+    found = box_pose(prior, state, COVARIANCE, surface_points(state.code), NONE)
     T_world_box, extents = box_of(state)
     np.testing.assert_allclose(found.T_world_box.matrix(), T_world_box.matrix(), atol=1e-9)
     np.testing.assert_allclose(found.extents, extents, atol=1e-9)
@@ -55,10 +56,15 @@ def test_the_box_is_that_of_the_mesh_and_has_its_propagated_covariance():
 
 def test_a_prior_whose_shapes_fill_a_box_has_that_one():
     prior, state = replace(toy_prior(), box=np.array([0.5, 0.7, 0.4])), toy_state()
-    found = box_pose(prior, state, COVARIANCE)
+    found = box_pose(prior, state, COVARIANCE, misfit=NONE)
     np.testing.assert_allclose(found.extents, state.scale * [0.5, 0.7, 0.4])
     np.testing.assert_array_equal(found.T_world_box.matrix(), state.T_world_object.matrix())
-    np.testing.assert_array_equal(found.covariance.matrix, COVARIANCE.rigid)
+    np.testing.assert_allclose(found.covariance.matrix, COVARIANCE.rigid)
+    more = box_pose(prior, state, COVARIANCE, misfit=BoxMisfit(0.03, 0.4)).covariance
+    np.testing.assert_allclose(
+        more.sigma**2 - found.covariance.sigma**2, [0] * 3 + [0.0009] * 3 + [0.16] * 3, atol=1e-12
+    )
+    assert (more.source, more.subject) == ("marginals", "chair 1")
 
 
 def test_points_that_face_no_side_are_refused():

@@ -1,0 +1,306 @@
+"""Where to look next: the graph's covariance chooses the camera.
+
+    python examples/active_vision.py --out out/active
+    python examples/active_vision.py --out out/active --objects 50
+
+Each object stands in a room of its own and is seen once. Then the next view is chosen among 100 cameras that can be held
+about it: by the information that the graph expects of each, at random, or evenly about the object. After each view the
+object is estimated anew. `metrics.json`: how many views chance and even spreading need for the surface error that the
+expected information reaches with four, and how well expected and realised information go together. Finished objects
+are not run again.
+"""
+
+import itertools
+import json
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import gtsam
+import matplotlib.pyplot as plt
+import numpy as np
+import tyro
+from rich.progress import track
+
+from factors.state import ObjectState
+from objgraph.active.cameras import reachable, sphere
+from objgraph.active.known_object import KnownObject, known_object
+from objgraph.active.next_view import Criterion, ViewConfig, ViewGain, next_views
+from objgraph.active.picture import sphere_picture
+from objgraph.benchmark.cases import UP, BenchmarkConfig, Case, World, synthetic_cases
+from objgraph.benchmark.viewpoints import intrinsics
+from objgraph.errors import ObjectGraphError, ObservationError
+from objgraph.estimation import Estimate, EstimationTask
+from objgraph.evaluation.metrics import Evaluation, evaluate_object
+from objgraph.graph_estimator import GraphEstimator
+from objgraph.initialise import InitialisationConfig, guesses, rank
+from objgraph.mapping import scene_floor
+from objgraph.mesh import extract_mesh
+from objgraph.object_factors import GraphConfig
+from objgraph.observation import Scan
+from objgraph.prior.prior import ShapePrior
+from objgraph.prior.registry import load_prior
+from objgraph.sampling import ObjectView, SamplingConfig, observe
+
+GOAL = 4
+"""Views of the policy that the others are measured against."""
+SAMPLING = SamplingConfig(points=150, hits=75, free=75)
+FRESH = InitialisationConfig(guesses=5, points=100, rays=100, shortlist=2)
+"""How a fresh guess is found once there is an estimate to go on from."""
+TARGET = 1
+POLICIES = ("next_best", "random", "even")
+
+
+@dataclass
+class Arguments:
+    out: Path
+    """Where metrics.json, the rows and the pictures go."""
+    objects: int = 4
+    """Half of them chairs, half tables; one is a chair."""
+    seed: int = 0
+    """Of objects, rooms and noise."""
+    candidates: int = 100
+    """Cameras to choose among."""
+    distance: float = 1.9
+    """From the camera to the object's middle, metres."""
+    most: int = 8
+    """Views that chance and even spreading get."""
+    criterion: Criterion = "surface"
+    """What the next view is chosen for."""
+
+
+@dataclass
+class Subject:
+    """One object to be looked at."""
+
+    case: Case
+    world: World
+    prior: ShapePrior
+    floor: float | None
+    cameras: list[gtsam.Pose3]
+    """Those to choose among."""
+    first: ObjectView
+
+    def look(self, camera: gtsam.Pose3, number: int) -> ObjectView | None:
+        """Take a picture and what it shows of the object; None where that is next to nothing."""
+        rng = np.random.default_rng([self.case.seed, self.case.index, number])
+        try:
+            return observe(self.world.frame(camera, str(number), rng), TARGET, SAMPLING, seed=number)
+        except ObservationError:
+            return None
+
+    def estimate(self, views: Sequence[ObjectView], start: ObjectState | None) -> Estimate:
+        """From all views, beginning where the last estimate ended and at the best fresh guess."""
+        settings = InitialisationConfig() if start is None else FRESH
+        states = guesses(self.prior, views, UP, self.floor, settings)
+        fresh, _ = rank(self.prior, views, states, UP, self.floor, settings, GraphConfig())
+        starts = (*fresh[:1], *([start] if start is not None else []))
+        task = EstimationTask(self.case.id, self.prior, starts, tuple(views), UP, self.floor)
+        (result,) = GraphEstimator().estimate([task])
+        if isinstance(result, ObjectGraphError):
+            raise result
+        return result
+
+    def known(self, estimate: Estimate) -> KnownObject:
+        assert estimate.covariance is not None
+        return known_object(self.case.id, self.prior, estimate.state, estimate.covariance)
+
+    def measure(self, estimate: Estimate) -> Evaluation:
+        """Against the truth, of which nothing else here knows."""
+        state = estimate.state
+        mesh = extract_mesh(self.prior.decoder, state.code)
+        return evaluate_object(
+            state.T_world_object.matrix(), state.scale, np.asarray(mesh.vertices), np.asarray(mesh.faces),
+            self.world.truth,
+        )  # fmt: skip
+
+
+def subject(case: Case, arguments: Arguments) -> Subject:
+    """The object and its first view; cameras about where that view sees it."""
+    world, prior = case.world(), load_prior(case.category)
+    rng = np.random.default_rng([case.seed, case.index, 0])
+    frame = world.frame(world.first_camera(), "0", rng)
+    view = observe(frame, TARGET, SAMPLING)
+    floor = scene_floor(Scan(case.id, case.scan().frames, (case.instance,), UP))
+    middle = np.median(view.points_world, axis=0)
+    cameras = sphere(middle, arguments.distance, UP, 3 * arguments.candidates, (5.0, 60.0))
+    held = reachable(cameras, world.can_hold)
+    chosen = np.random.default_rng(case.seed).permutation(len(held))[: arguments.candidates]
+    return Subject(case, world, prior, floor, [held[i] for i in chosen], view)
+
+
+def ranked(
+    item: Subject, estimate: Estimate, cameras: list[gtsam.Pose3], criterion: Criterion
+) -> list[ViewGain]:
+    config = ViewConfig(intrinsics())
+    return next_views([item.known(estimate)], cameras, config, criterion=criterion)
+
+
+def realised(before: Estimate, after: Estimate) -> float:
+    """Nats by which a view has narrowed pose, scale and code."""
+    assert before.covariance is not None
+    assert after.covariance is not None
+    spreads = [np.linalg.slogdet(each.covariance.matrix)[1] for each in (before, after) if each.covariance]
+    return 0.5 * (spreads[0] - spreads[1])
+
+
+def row(item: Subject, policy: str, views: int, estimate: Estimate, **more: float) -> dict[str, Any]:
+    measured = item.measure(estimate)
+    return {"object": item.case.id, "policy": policy, "views": views, **asdict(measured), **more}
+
+
+def one_by_one(item: Subject, policy: str, begun: Estimate, arguments: Arguments) -> list[dict[str, Any]]:
+    """A view at a time: the next best, or any."""
+    rng = np.random.default_rng([item.case.seed, item.case.index, 1])
+    views, estimate, left, rows = [item.first], begun, list(item.cameras), []
+    most = GOAL if policy == "next_best" else arguments.most
+    while len(views) < most:
+        order = ranked(item, estimate, left, arguments.criterion)
+        if policy == "random":
+            order = [order[i] for i in rng.permutation(len(order))]
+        for best in order:  # a camera that sees next to nothing is passed over
+            left = [camera for camera in left if camera is not best.T_world_camera]
+            view = item.look(best.T_world_camera, len(views))
+            if view is not None:
+                break
+        else:
+            break
+        views.append(view)
+        before, estimate = estimate, item.estimate(views, estimate.state)
+        gains = {"expected": best.objects[item.case.id].information, "realised": realised(before, estimate)}
+        rows.append(row(item, policy, len(views), estimate, **gains))
+    return rows
+
+
+def evenly(item: Subject, begun: Estimate, arguments: Arguments) -> list[dict[str, Any]]:
+    """All views of a ring at once, for every number of them: the nearest camera to each even bearing."""
+    rows, middle = [], np.median(item.first.points_world, axis=0)
+    away = item.first.T_world_camera.translation() - middle
+    for count in range(2, arguments.most + 1):
+        views, left = [item.first], list(item.cameras)
+        for k in range(1, count):
+            turned = gtsam.Rot3.Rz(2 * np.pi * k / count).matrix() @ (away * [1, 1, 0])
+            level = arguments.distance * np.cos(np.radians(30)) * turned / np.linalg.norm(turned)
+            wanted = middle + level + [0, 0, arguments.distance / 2]
+            order = np.argsort([np.linalg.norm(camera.translation() - wanted) for camera in left])
+            for i in order:
+                view = item.look(left[i], k)
+                if view is not None:
+                    views.append(view)
+                    left.pop(i)
+                    break
+        rows.append(row(item, "even", count, item.estimate(views, begun.state)))
+    return rows
+
+
+def run(case: Case, arguments: Arguments, picture: Path | None) -> list[dict[str, Any]]:
+    """All policies on one object, from the same first view and the same first estimate."""
+    item = subject(case, arguments)
+    begun = item.estimate([item.first], None)
+    rows = [row(item, policy, 1, begun) for policy in POLICIES]
+    if picture is not None:
+        views = ranked(item, begun, item.cameras, arguments.criterion)
+        known = item.known(begun)
+        eye = item.first.T_world_camera.translation()
+        sphere_picture(
+            known, known.surface_sigma, views, UP, picture, criterion=arguments.criterion, seen_from=[eye]
+        )
+    for policy in ("next_best", "random"):
+        rows += one_by_one(item, policy, begun, arguments)
+    return rows + evenly(item, begun, arguments)
+
+
+def curve(rows: list[dict[str, Any]], policy: str, name: str) -> dict[int, float]:
+    """Mean of a measure over the objects for every number of views."""
+    counts = sorted({r["views"] for r in rows if r["policy"] == policy})
+    return {
+        n: float(np.mean([r[name] for r in rows if (r["policy"], r["views"]) == (policy, n)])) for n in counts
+    }
+
+
+def views_to_reach(errors: dict[int, float], goal: float) -> float | None:
+    """Number of views at which the error first is as small as `goal`, between whole ones; None if it never is."""
+    counts = sorted(errors)
+    for before, after in itertools.pairwise(counts):
+        if errors[after] <= goal:
+            share = (errors[before] - goal) / max(errors[before] - errors[after], 1e-12)
+            return float(before + (after - before) * np.clip(share, 0.0, 1.0))
+    return None
+
+
+def summary(rows: list[dict[str, Any]], arguments: Arguments) -> dict[str, Any]:
+    goal = curve(rows, "next_best", "chamfer_m")[GOAL]
+    taken = [r for r in rows if "expected" in r]
+    return {
+        "objects": len({r["object"] for r in rows}),
+        "views_next_best": GOAL,
+        **{f"views_{p}": views_to_reach(curve(rows, p, "chamfer_m"), goal) for p in ("random", "even")},
+        "gain_correlation": float(
+            np.corrcoef([[r["expected"], r["realised"]] for r in taken], rowvar=False)[0, 1]
+        ),
+        "curves": {
+            name: {policy: curve(rows, policy, name) for policy in POLICIES}
+            for name in ("chamfer_m", "translation_m", "rotation_deg", "scale_pct_max")
+        },
+        "settings": {k: str(v) for k, v in vars(arguments).items() if k != "out"},
+    }
+
+
+def draw(metrics: dict[str, Any], path: Path) -> None:
+    figure, axes = plt.subplots(1, 3, figsize=(12, 3.6), layout="constrained")
+    labels = {"chamfer_m": ("Chamfer (cm)", 100), "translation_m": ("translation (cm)", 100),
+              "scale_pct_max": ("worst extent (%)", 1)}  # fmt: skip
+    for axis, (name, (label, factor)) in zip(axes, labels.items(), strict=True):
+        for policy in POLICIES:
+            found = metrics["curves"][name][policy]
+            axis.plot(
+                [int(n) for n in found],
+                [factor * e for e in found.values()],
+                "o-",
+                label=policy.replace("_", " "),
+            )
+        axis.set(xlabel="views", ylabel=f"mean {label}")
+        axis.set_ylim(bottom=0)
+        axis.grid(alpha=0.3)
+    axes[0].legend()
+    figure.suptitle(f"{metrics['objects']} objects")
+    figure.savefig(path)
+
+
+def main(arguments: Arguments) -> None:
+    arguments.out.mkdir(parents=True, exist_ok=True)
+    store = arguments.out / "rows.json"
+    settings = {k: str(v) for k, v in vars(arguments).items() if k not in ("out", "objects")}
+    kept = json.loads(store.read_text()) if store.exists() else {"settings": settings, "rows": []}
+    if kept["settings"] != settings:
+        raise SystemExit(f"{store} is of other settings: choose another --out")
+    each = -(-arguments.objects // 2)
+    cases = [
+        case
+        for pair in zip(
+            *(
+                synthetic_cases(BenchmarkConfig(seed=arguments.seed, objects=each, categories=(name,)))
+                for name in ("chair", "table")
+            ),
+            strict=True,
+        )
+        for case in pair
+    ][: arguments.objects]
+    done = {r["object"] for r in kept["rows"]}
+    for case in track([case for case in cases if case.id not in done], "objects"):
+        picture = arguments.out / "information.png" if case is cases[0] else None
+        try:
+            kept["rows"] += run(case, arguments, picture)
+        except ObjectGraphError as error:
+            print(f"{case.id} is left out: {error}")
+        store.write_text(json.dumps(kept) + "\n")
+    chosen = [r for r in kept["rows"] if r["object"] in {case.id for case in cases}]
+    metrics = summary(chosen, arguments)
+    (arguments.out / "metrics.json").write_text(json.dumps(metrics, indent=2) + "\n")
+    draw(metrics, arguments.out / "active_vision.png")
+    print({k: v for k, v in metrics.items() if k not in ("curves", "settings")})
+
+
+if __name__ == "__main__":
+    main(tyro.cli(Arguments, description=__doc__))
