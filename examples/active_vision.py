@@ -261,10 +261,11 @@ def draw(metrics: dict[str, Any], path: Path) -> None:
                 label=policy.replace("_", " "),
             )
         axis.set(xlabel="views", ylabel=f"mean {label}")
+        axis.xaxis.get_major_locator().set_params(integer=True)
         axis.set_ylim(bottom=0)
         axis.grid(alpha=0.3)
     axes[0].legend()
-    figure.suptitle(f"{metrics['objects']} objects")
+    figure.suptitle(f"Means over {metrics['objects']} object{'s' * (metrics['objects'] > 1)}")
     figure.savefig(path)
 
 

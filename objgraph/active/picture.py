@@ -16,8 +16,10 @@ from objgraph.figure import finish
 LABELS: dict[Criterion, str] = {
     "information": "expected information on pose, scale and shape (nats)",
     "pose": "expected information on the 9-DoF pose (nats)",
-    "surface": "expected decrease of the mean surface variance (m²)",
+    "surface": "expected decrease of the mean surface variance (cm²)",
 }
+_UNITS: dict[Criterion, float] = {"information": 1.0, "pose": 1.0, "surface": 1e4}
+"""From `ViewGain.total` to the label's unit."""
 
 
 def sphere_picture(
@@ -40,7 +42,7 @@ def sphere_picture(
     axes = np.stack([east / np.linalg.norm(east), np.cross(up, east / np.linalg.norm(east)), up])
     figure = Figure(figsize=(11, 5.2), dpi=100)
     eyes = np.array([view.T_world_camera.translation() for view in views])
-    gains = np.array([view.total(criterion) for view in views])
+    gains = _UNITS[criterion] * np.array([view.total(criterion) for view in views])
     scale = Normalize(gains.min(), gains.max())
     limit = sigma_limit([sigma]) or 1.0
     for column, (elevation, azimuth, title) in enumerate(
@@ -59,11 +61,12 @@ def sphere_picture(
         if len(seen_from):
             seen = (np.asarray(seen_from) - known.centre) @ axes.T
             axis.scatter(*seen.T, marker="x", c="black", s=70, depthshade=False)
-        axis.set_box_aspect(np.ptp(np.concatenate([points, dots]), axis=0).clip(0.3))
+        aspect = np.ptp(np.concatenate([points, dots]), axis=0).clip(0.3)
+        axis.set_box_aspect(aspect, zoom=1.25)  # pyright: ignore[reportArgumentType]
         axis.view_init(elevation, azimuth)
         axis.set_axis_off()
-        axis.set_title(title, fontsize=10, color="0.35")
-    figure.subplots_adjust(left=0.0, right=0.9, bottom=0.02, top=0.84, wspace=0.0)
+        axis.text2D(0.5, 0.06, title, fontsize=10, color="0.35", ha="center", transform=axis.transAxes)
+    figure.subplots_adjust(left=0.0, right=0.9, bottom=-0.06, top=0.98, wspace=0.0)
     bar = figure.colorbar(shown, cax=figure.add_axes((0.92, 0.15, 0.015, 0.6)))
     bar.set_label(LABELS[criterion], fontsize=9)
     figure.text(0.02, 0.94, f"{known.name}: where to look next", fontsize=14, weight="bold", va="center")
