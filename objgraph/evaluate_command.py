@@ -11,17 +11,18 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from objgraph.benchmark.cases import BenchmarkConfig
 from objgraph.benchmark.viewpoints import VIEWS
+from objgraph.comparison.calibration import MEASURED, calibration
 from objgraph.comparison.cases import CaseSource
 from objgraph.comparison.compare import ROWS, Comparison, compare
 from objgraph.comparison.config import ComparisonConfig
 from objgraph.comparison.document import document, markdown, program_version
 from objgraph.comparison.methods import METHODS
-from objgraph.comparison.plots import error_plot, uncertainty_plot
+from objgraph.comparison.plots import error_plot, reliability_plot, uncertainty_plot
 from objgraph.comparison.rows import ObjectRow, write_text
 from objgraph.comparison.scan_cases import ScanSource, read_split
 from objgraph.comparison.summary import paired, summarize
 from objgraph.comparison.synthetic_source import SYNTHETIC, SyntheticSource
-from objgraph.comparison.tables import all_tables
+from objgraph.comparison.tables import all_tables, calibration_tables
 from objgraph.datasets.registry import datasets
 from objgraph.errors import EvaluationError
 from objgraph.evaluation.mesh_folder import write_json
@@ -69,6 +70,8 @@ class EvaluateCommand:
     """Your own priors, .safetensors files: each serves its category in place of the shipped one."""
     jobs: int = 1
     """Processes, of one thread each."""
+    calibration: bool = False
+    """Report how far covariances hold in place of how far estimates are right."""
     retry_failed: bool = False
     """Run what failed before once more."""
 
@@ -84,6 +87,8 @@ def run_evaluate(command: EvaluateCommand, console: Console, line: str) -> dict[
     comparison = _comparison(command)
     _check_writable(command.json)
     rows = _compare(comparison, command, console)
+    if command.calibration:
+        return _calibrated(comparison, rows, command, console, line)
     entries = summarize(rows, comparison.methods, command.seed)
     pairs = paired(rows, comparison.methods, command.seed)
     result = document(comparison, rows, entries, pairs, line)
@@ -94,6 +99,27 @@ def run_evaluate(command: EvaluateCommand, console: Console, line: str) -> dict[
     for table in tables:
         console.print(table.rich())
     console.print(f"figures in {command.json}, tables, rows and plots in {command.out}", soft_wrap=True)
+    return result
+
+
+def _calibrated(
+    comparison: Comparison, rows: list[ObjectRow], command: EvaluateCommand, console: Console, line: str
+) -> dict[str, Any]:
+    """What the covariances of the same rows are worth."""
+    entries = calibration(rows, comparison.methods, command.seed)
+    if not entries:
+        raise EvaluationError(
+            f"none of {', '.join(comparison.methods)} gives a covariance in {command.out / ROWS} that could be judged: "
+            "add graph or ours, or give a fresh --out"
+        )
+    result = document(comparison, rows, entries, [], line) | {"measured": MEASURED}
+    write_json(result, command.json)
+    tables = calibration_tables(entries, _data(comparison))
+    write_text(markdown(tables, line, command.seed), command.out / "calibration.md")
+    reliability_plot(rows, comparison.methods, _data(comparison), command.out / "reliability.png")
+    for table in tables:
+        console.print(table.rich())
+    console.print(f"figures in {command.json}, tables, rows and plot in {command.out}", soft_wrap=True)
     return result
 
 

@@ -7,15 +7,18 @@ from dataclasses import asdict, dataclass, replace
 from functools import cache
 
 import numpy as np
+import trimesh
 
 from factors.state import ObjectState
 from objgraph.comparison.cases import Case
 from objgraph.comparison.config import ComparisonConfig, find_prior
 from objgraph.comparison.methods import method
 from objgraph.comparison.rows import ObjectRow, plain
-from objgraph.comparison.uncertainty import SurfaceErrors, surface_errors
+from objgraph.comparison.uncertainty import surface_errors
+from objgraph.covariance.box import box_pose
 from objgraph.errors import InitialisationError, ObjectGraphError, ObservationError, SolveError
 from objgraph.estimation import Estimate, EstimationTask
+from objgraph.evaluation.box_error import box_error
 from objgraph.evaluation.metrics import Evaluation, evaluate_object
 from objgraph.initialise import guesses, rank
 from objgraph.mapping import scene_floor
@@ -151,35 +154,42 @@ def _estimated(
         return replace(row, failure=str(estimate))
     row = replace(row, **_description(estimate))
     try:
-        evaluation = _evaluation(estimate.state, seen, config)
-        errors = _surface_errors(estimate, seen, config)
+        mesh = extract_mesh(seen.prior.decoder, estimate.state.code, resolution=config.mesh_resolution)
+        evaluation = _evaluation(estimate.state, mesh, seen, config)
+        covered = {} if estimate.covariance is None else _uncertainty(estimate, mesh, seen, config)
     except ObjectGraphError as error:
         return replace(row, failure=str(error))
-    row = replace(row, **_verdict(evaluation))
-    if errors is None:
-        return row
-    kept = errors.some(config.kept_points, config.seed)
-    return replace(
-        row,
-        pearson=errors.pearson,
-        spearman=errors.spearman,
-        surface_error=plain(kept.error.round(6)),
-        surface_sigma=plain(kept.sigma.round(6)),
-    )
+    return replace(row, **_verdict(evaluation), **covered)
 
 
-def _evaluation(state: ObjectState, seen: _Seen, config: ComparisonConfig) -> Evaluation:
-    mesh = extract_mesh(seen.prior.decoder, state.code, resolution=config.mesh_resolution)
+def _evaluation(
+    state: ObjectState, mesh: trimesh.Trimesh, seen: _Seen, config: ComparisonConfig
+) -> Evaluation:
     vertices, faces = np.asarray(mesh.vertices), np.asarray(mesh.faces)
     T = state.T_world_object.matrix()
     return evaluate_object(T, state.scale, vertices, faces, seen.truth, config.seed)
 
 
-def _surface_errors(estimate: Estimate, seen: _Seen, config: ComparisonConfig) -> SurfaceErrors | None:
-    if estimate.covariance is None:
-        return None
+def _uncertainty(
+    estimate: Estimate, mesh: trimesh.Trimesh, seen: _Seen, config: ComparisonConfig
+) -> dict[str, object]:
+    """What the covariance says of surface and box, beside how wrong they are."""
+    assert estimate.covariance is not None
     points, seed = config.surface_points, config.seed
-    return surface_errors(seen.prior, estimate.state, estimate.covariance, seen.truth, points, seed)
+    errors = surface_errors(seen.prior, estimate.state, estimate.covariance, seen.truth, points, seed)
+    kept = errors.some(config.kept_points, config.seed)
+    box = box_pose(seen.prior, estimate.state, estimate.covariance, np.asarray(mesh.vertices))
+    off = box_error(box, seen.truth)
+    return {
+        "pearson": errors.pearson,
+        "spearman": errors.spearman,
+        "surface_error": plain(kept.error.round(6)),
+        "surface_sigma": plain(kept.sigma.round(6)),
+        "surface_residual": float(seen.prior.residual_sigma * np.mean(errors.metres)),
+        "box_error": plain(off.tangent),
+        "box_covariance": plain(box.covariance.matrix),
+        "heading_error_deg": off.heading_deg,
+    }
 
 
 def _with_truth(row: ObjectRow, seen: _Seen) -> ObjectRow:

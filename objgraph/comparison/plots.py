@@ -9,7 +9,9 @@ from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullLocator
+from scipy.stats import chi2
 
+from objgraph.comparison.calibration import DOF, squared_errors
 from objgraph.comparison.rows import ObjectRow
 from objgraph.figure import finish
 
@@ -152,3 +154,39 @@ def _color(index: int) -> str:
 
 def _marker(index: int) -> str:
     return _MARKERS[index % len(_MARKERS)]
+
+
+def reliability_plot(rows: Sequence[ObjectRow], methods: Sequence[str], data: str, path: Path) -> bool:
+    """Share of true boxes within each ellipsoid against its probability, of right modes: a panel a number of views.
+
+    Returns whether there was anything to draw.
+    """
+    views = sorted({row.views for row in rows})
+    probabilities = np.linspace(0.01, 0.99, 99)
+    figure = Figure(figsize=(1.2 + 3.6 * len(views), 4.2), dpi=110, layout="constrained")
+    axes = figure.subplots(1, len(views), squeeze=False, sharey=True)[0]
+    drawn = False
+    for axis, count in zip(axes, views, strict=True):
+        axis.plot([0, 1], [0, 1], color="0.6", linestyle=":", linewidth=1)
+        for i, method in enumerate(methods):
+            chosen = [row for row in rows if (row.method, row.views) == (method, count)]
+            squared = squared_errors(chosen)
+            if not len(squared):
+                continue
+            held = (squared[:, None] <= chi2.ppf(probabilities, DOF)).mean(axis=0)
+            axis.plot(
+                probabilities, held, color=COLORS[i % len(COLORS)], label=f"{method}, n = {len(squared)}"
+            )
+            drawn = True
+        axis.set_title(f"{count} view{'s' * (count > 1)}")
+        axis.set_xlabel("probability of the ellipsoid")
+        axis.set_xlim(0, 1)
+        axis.set_ylim(0, 1)
+        axis.grid(alpha=0.3)
+        if axis.get_legend_handles_labels()[0]:
+            axis.legend(fontsize=8, loc="upper left")
+    axes[0].set_ylabel("share of true boxes inside")
+    figure.suptitle(f"Reliability of the 9-DoF box, right modes ({data})", fontsize=11)
+    if drawn:
+        finish(figure, None, None, path)
+    return drawn

@@ -79,6 +79,14 @@ class ObjectRow:
     """|SDF|, metres, at some points of the true surface."""
     surface_sigma: Numbers = None
     """Its standard deviation at the same points."""
+    surface_residual: float | None = None
+    """The decoder's own standard deviation there, metres."""
+    box_error: Numbers = None
+    """From the estimated box to the true one, over `objgraph.covariance.box.BOX_AXES`, modulo symmetry."""
+    box_covariance: Matrix = None
+    """9x9, over the same."""
+    heading_error_deg: float | None = None
+    """How far the object is turned about its up axis, modulo symmetry."""
 
     @property
     def key(self) -> Key:

@@ -202,3 +202,60 @@ def _count(entries: Sequence[Entry], category: str) -> int:
 
 def _unique(entries: Sequence[Entry], name: str) -> list[Any]:
     return list(dict.fromkeys(e[name] for e in entries))
+
+
+def calibration_tables(entries: Sequence[Entry], data: str) -> list[Grid]:
+    """Boxes and surfaces: what share is covered, and by how much errors exceed their standard deviations."""
+    box_header = (
+        "Objects",
+        "Method",
+        "n",
+        "wrong\nmode",
+        "50 %",
+        "90 %",
+        "95 %",
+        "NEES / 9",
+        "if it held",
+        "NLL",
+        "sharpness",
+    )
+    surface_header = ("Objects", "Method", "50 %", "90 %", "95 %", "mean z²", "NLL", "Pearson", "Spearman")
+    covered = ("coverage50", "coverage90", "coverage95")
+    boxes, surfaces = [], []
+    for e in entries:
+        head = (Cell(f"{e['category'].capitalize()}, {_views(e['views'])}"), Cell(e["method"]))
+        held = _NONE if e["nees_chi2"] is None else "{:.2f} to {:.2f}".format(*e["nees_chi2"])
+        boxes.append(
+            (
+                *head, Cell(str(e["n"])), _figure(e, "wrong_modes"), *(_figure(e, name) for name in covered),
+                Cell(_ranged(e, "nees_per_dof", 1, 2)), Cell(held), _figure(e, "nll"), _figure(e, "sharpness", 4),
+            )
+        )  # fmt: skip
+        names = (
+            *(f"surface_{name}" for name in covered),
+            "surface_nees",
+            "surface_nll",
+            "pearson_surface",
+            "spearman_surface",
+        )
+        surfaces.append((*head, *(_figure(e, name) for name in names)))
+    return [
+        Grid(
+            f"Calibration of the 9-DoF box ({data})", box_header, (tuple(boxes),),
+            "Share of all objects whose true box lies in the ellipsoid of that probability; mean squared Mahalanobis error over 9 and negative "
+            "log-likelihood (nats) of those in the right mode (heading within 45 degrees modulo symmetry), with 95 % bootstrap over shapes, "
+            "and where that mean would be if the covariances held; sharpness: geometric mean of the nine standard deviations, median.",
+            words=2,
+        ),
+        Grid(
+            f"Calibration of the surface ({data})", surface_header, (tuple(surfaces),),
+            "Signed distance at points of the true surface over its standard deviation, the decoder's own added; means over "
+            "well-reconstructed objects.",
+            words=2,
+        ),
+    ]  # fmt: skip
+
+
+def _figure(entry: Entry, name: str, digits: int = 2) -> Cell:
+    value = entry[name]
+    return Cell(_NONE if value is None else f"{value:.{digits}f}")

@@ -33,7 +33,7 @@ def pose_error(estimate: PlacedMesh, truth: PlacedMesh, symmetry: int = 1) -> Po
     """
     R = truth.T_world_object[:3, :3].T @ estimate.T_world_object[:3, :3]
     rotation, yaw = rotation_error(R, symmetry)
-    ratio = _align_extents(estimate.extents, yaw) / truth.extents
+    ratio = align_extents(estimate.extents, yaw) / truth.extents
     return PoseError(
         translation_m=float(np.linalg.norm(estimate.centre_world - truth.centre_world)),
         rotation_deg=float(np.rad2deg(rotation)),
@@ -48,7 +48,7 @@ def rotation_error(R_truth_estimate: Float[np.ndarray, "3 3"], symmetry: int) ->
     For the continuous class the angle left is the one between the two y axes.
     """
     yaws = _symmetric_yaws(R_truth_estimate, symmetry)
-    angles = [_angle(_rotation_y(-yaw) @ R_truth_estimate) for yaw in yaws]
+    angles = [_angle(rotation_y(-yaw) @ R_truth_estimate) for yaw in yaws]
     best = int(np.argmin(angles))
     return angles[best], yaws[best]
 
@@ -62,13 +62,13 @@ def _symmetric_yaws(R: np.ndarray, symmetry: int) -> list[float]:
     return [2 * np.pi * k / symmetry for k in range(symmetry)]
 
 
-def _align_extents(extents: Float[np.ndarray, "3"], yaw: float) -> Float[np.ndarray, "3"]:
+def align_extents(extents: Float[np.ndarray, "3"], yaw: float) -> Float[np.ndarray, "3"]:
     """Extents along the axes of the object turned by `yaw`: x and z change places at a quarter turn."""
     quarter_turn = abs(np.sin(yaw)) > abs(np.cos(yaw))
     return extents[[2, 1, 0]] if quarter_turn else extents
 
 
-def _rotation_y(angle: float) -> Float[np.ndarray, "3 3"]:
+def rotation_y(angle: float) -> Float[np.ndarray, "3 3"]:
     c, s = np.cos(angle), np.sin(angle)
     return np.array([[c, 0, s], [0, 1, 0], [-s, 0, c]])
 

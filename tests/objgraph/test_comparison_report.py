@@ -250,6 +250,37 @@ def test_the_command_writes_everything(command, tmp_path, capsys):
     assert json.loads((out / "rows.json").read_text()) == document
 
 
+def test_the_command_reports_calibration_of_the_same_rows(command, tmp_path, capsys):
+    assert main(command) == 0
+    rows = (tmp_path / "out" / "objects.jsonl").read_bytes()
+    assert main([*command, "--calibration"]) == 0
+    out = tmp_path / "out"
+    assert (out / "objects.jsonl").read_bytes() == rows
+    document = json.loads((out / "rows.json").read_text())
+    found = [(e["method"], e["views"], e["category"], e["n"]) for e in document["rows"]]
+    assert found == [("near", v, c, 3) for v in (1, 2) for c in ("all", "chair")]
+    fields = {
+        "coverage50",
+        "coverage90",
+        "coverage95",
+        "nees_per_dof",
+        "pearson_surface",
+        "spearman_surface",
+        "nll",
+    }
+    assert fields | {"sharpness", "wrong_modes"} <= set(document["rows"][0])
+    assert "nees_per_dof" in document["measured"]
+    assert "Calibration of the 9-DoF box" in (out / "calibration.md").read_text()
+    assert (out / "reliability.png").stat().st_size > 5_000
+    assert "Calibration of the surface" in capsys.readouterr().out
+
+
+def test_methods_without_covariances_cannot_be_calibrated(command, capsys):
+    bare = [word.replace("near,fails", "fails") for word in command]
+    assert main([*bare, "--calibration"]) == 1
+    assert "none of fails gives a covariance" in capsys.readouterr().out.replace("\n", " ")
+
+
 def test_a_stopped_command_says_that_it_can_go_on(command, monkeypatch, capsys):
     def stop(*_args, **_values):
         raise KeyboardInterrupt

@@ -93,6 +93,15 @@ def test_methods_start_together_and_are_measured():
     assert near.surface_error is not None
     assert len(near.surface_sigma) == len(near.surface_error) == FAST.kept_points
     assert np.array(near.covariance).shape == (9, 9)
+    assert near.box_error is not None
+    assert near.rotation_deg is not None
+    assert np.linalg.norm(near.box_error[3:6]) == pytest.approx(near.translation_m, abs=1e-6)
+    assert np.linalg.norm(near.box_error[:3]) == pytest.approx(np.radians(near.rotation_deg), abs=1e-6)
+    assert np.linalg.eigvalsh(np.array(near.box_covariance)).min() > 0
+    assert near.heading_error_deg is not None
+    assert near.heading_error_deg <= near.rotation_deg + 1e-6
+    assert near.surface_residual is not None
+    assert near.surface_residual > 0
     assert near.frames == [0, 1]
     # what an estimator gets is drawn as its method says: the fake tells how many points
     assert near.linearizations == 2 * FAST.sampling.points
@@ -108,6 +117,7 @@ def test_without_a_covariance_there_is_no_correlation():
     assert bare.failure is None
     assert bare.well_reconstructed
     assert bare.pearson is bare.spearman is bare.covariance is bare.surface_sigma is None
+    assert bare.box_error is bare.box_covariance is bare.surface_residual is None
 
 
 def test_a_method_s_failure_is_its_own():
