@@ -78,7 +78,7 @@ def run_next_view(command: NextViewCommand, console: Console) -> list[ViewGain]:
         )  # fmt: skip
     console.print(_table(views[: command.top], command.criterion))
     if command.out is not None:
-        _write(command.out, views, known, object_map, command.criterion)
+        _write(command, command.out, views, known, object_map)
         console.print(f"written to {command.out}")
     return views
 
@@ -114,8 +114,13 @@ def _vector(v: np.ndarray) -> str:
 
 
 def _write(
-    out: Path, views: list[ViewGain], known: list[KnownObject], object_map: ObjectMap, criterion: Criterion
+    command: NextViewCommand,
+    out: Path,
+    views: list[ViewGain],
+    known: list[KnownObject],
+    object_map: ObjectMap,
 ) -> None:
+    criterion = command.criterion
     out.mkdir(parents=True, exist_ok=True)
     document: dict[str, Any] = {
         "scene": object_map.scene,
@@ -131,7 +136,19 @@ def _write(
     }
     (out / "next_views.json").write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
     for entry in known:
-        own = sorted(views, key=lambda view: -getattr(view.objects[entry.name], criterion))
+        own = sorted(
+            _about(entry, views, command), key=lambda view: -getattr(view.objects[entry.name], criterion)
+        )
         alone = [ViewGain(view.T_world_camera, {entry.name: view.objects[entry.name]}) for view in own]
         path = out / f"next_view_{entry.name.replace(' ', '_').replace('/', '_')}.png"
         sphere_picture(entry, entry.surface_sigma, alone, object_map.up_world, path, criterion=criterion)
+
+
+def _about(entry: KnownObject, views: list[ViewGain], command: NextViewCommand) -> list[ViewGain]:
+    """The candidates on the object's own sphere; all where the caller gave them."""
+    if command.cameras is not None:
+        return views
+    away = [np.linalg.norm(view.T_world_camera.translation() - entry.centre) for view in views]
+    return [
+        view for view, distance in zip(views, away, strict=True) if abs(distance - command.distance) < 1e-6
+    ]
