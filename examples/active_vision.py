@@ -38,7 +38,7 @@ from objgraph.initialise import InitialisationConfig, guesses, rank
 from objgraph.mapping import scene_floor
 from objgraph.mesh import extract_mesh
 from objgraph.object_factors import GraphConfig
-from objgraph.observation import Scan
+from objgraph.observation import Frame, FrameSource, Scan
 from objgraph.prior.prior import ShapePrior
 from objgraph.prior.registry import load_prior
 from objgraph.sampling import ObjectView, SamplingConfig, observe
@@ -68,6 +68,19 @@ class Arguments:
     """Views that chance and even spreading get."""
     criterion: Criterion = "surface"
     """What the next view is chosen for."""
+
+
+class OneFrame(FrameSource):
+    """All that has been seen at the beginning."""
+
+    def __init__(self, frame: Frame) -> None:
+        self.frame = frame
+
+    def __len__(self) -> int:
+        return 1
+
+    def __getitem__(self, index: int) -> Frame:
+        return self.frame
 
 
 @dataclass
@@ -122,7 +135,9 @@ def subject(case: Case, arguments: Arguments) -> Subject:
     rng = np.random.default_rng([case.seed, case.index, 0])
     frame = world.frame(world.first_camera(), "0", rng)
     view = observe(frame, TARGET, SAMPLING)
-    floor = scene_floor(Scan(case.id, case.scan().frames, (case.instance,), UP))
+    floor = scene_floor(
+        Scan(case.id, OneFrame(frame), (case.instance,), UP)
+    )  # by what has been seen, as all else
     middle = np.median(view.points_world, axis=0)
     cameras = sphere(middle, arguments.distance, UP, 3 * arguments.candidates, (5.0, 60.0))
     held = reachable(cameras, world.can_hold)
@@ -230,7 +245,7 @@ def views_to_reach(errors: dict[int, float], goal: float) -> float | None:
 
 
 def summary(rows: list[dict[str, Any]], arguments: Arguments) -> dict[str, Any]:
-    goal = curve(rows, "next_best", "chamfer_m")[GOAL]
+    goal = curve(rows, "next_best", "chamfer_m").get(GOAL, -np.inf)
     taken = [r for r in rows if "expected" in r]
     return {
         "objects": len({r["object"] for r in rows}),

@@ -11,7 +11,7 @@ from jaxtyping import Float, Int
 from factors.state import RIGID_DOF, ObjectState
 from objgraph import map_checks
 from objgraph.covariance.labelled import RIGID_AXES, ObjectCovariance
-from objgraph.errors import MapError
+from objgraph.errors import CovarianceError, MapError
 from objgraph.map_estimate import ESTIMATE_SHAPES, OtherEstimate
 
 COVARIANCE_AXES = RIGID_AXES
@@ -176,8 +176,12 @@ def _check_joint(entry: MappedObject) -> None:
     length = None if entry.code is None else RIGID_DOF + len(entry.code)
     if joint.shape != (length, length):
         raise _bad(entry, "joint_covariance", f"has shape {joint.shape}, not {length} x {length}")
+    try:
+        ObjectCovariance.of(joint, "")
+    except CovarianceError as error:
+        raise _bad(entry, "joint_covariance", f"is none: {error}") from error
     parts = [(entry.covariance, joint[:RIGID_DOF, :RIGID_DOF])]
-    parts.append((entry.code_sigma, np.sqrt(np.abs(np.diag(joint)[RIGID_DOF:]))))
+    parts.append((entry.code_sigma, np.sqrt(np.diag(joint)[RIGID_DOF:])))
     if any(part is not None and not np.allclose(part, of, rtol=1e-6, atol=1e-12) for part, of in parts):
         raise _bad(entry, "joint_covariance", "contradicts covariance or code_sigma")
 

@@ -15,7 +15,7 @@ from objgraph.active.cameras import sphere
 from objgraph.active.known_object import KnownObject
 from objgraph.active.next_view import Criterion, ViewConfig, ViewGain, next_views
 from objgraph.active.of_map import known_objects
-from objgraph.active.picture import LABELS, sphere_picture
+from objgraph.active.picture import LABELS, UNITS, sphere_picture
 from objgraph.map import ObjectMap
 from objgraph.observation import Intrinsics
 from objgraph.prior.store import load_prior_file
@@ -104,8 +104,18 @@ def _table(views: list[ViewGain], criterion: Criterion) -> Table:
     for i, view in enumerate(views):
         T = view.T_world_camera.matrix()
         parts = sorted(view.objects.items(), key=lambda item: -getattr(item[1], criterion))
-        of = ", ".join(f"{name} {getattr(gain, criterion):.3g}" for name, gain in parts[:3] if gain.seen > 0)
-        table.add_row(str(i + 1), _vector(T[:3, 3]), _vector(T[:3, 2]), f"{view.total(criterion):.3g}", of)
+        of = ", ".join(
+            f"{name} {UNITS[criterion] * getattr(gain, criterion):.3g}"
+            for name, gain in parts[:3]
+            if gain.seen > 0
+        )
+        table.add_row(
+            str(i + 1),
+            _vector(T[:3, 3]),
+            _vector(T[:3, 2]),
+            f"{UNITS[criterion] * view.total(criterion):.3g}",
+            of,
+        )
     return table
 
 

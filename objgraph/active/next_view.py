@@ -18,8 +18,9 @@ from jaxtyping import Bool, Float
 
 from objgraph.active.known_object import KnownObject
 from objgraph.errors import ActiveVisionError
+from objgraph.object_factors import GraphConfig
 from objgraph.observation import Intrinsics
-from objgraph.sampling import SensorNoise, patch_shares
+from objgraph.sampling import SamplingConfig, SensorNoise, patch_shares
 
 Criterion = Literal["information", "pose", "surface"]
 _FACTORS = 2.0
@@ -39,9 +40,9 @@ class ViewConfig:
     near: float = 0.3
     """Depths closer than this are not measured, metres."""
     far: float = 5.0
-    patch: float = 0.2
+    patch: float = SamplingConfig.patch
     """As `SamplingConfig.patch`."""
-    evidence: float = 1.0
+    evidence: float = GraphConfig.evidence
     """As `GraphConfig.evidence`."""
     min_share: float = 0.1
     """Of an object's surface that must be seen for the view to be one of it."""

@@ -25,24 +25,21 @@ def known_objects(
         what = f"objects {missing} are not" if missing else "no object is"
         raise ActiveVisionError(f"map of {object_map.scene}: {what} mapped; mapped are {sorted(mapped)}")
     chosen = [mapped[i] for i in ids] if ids else [*mapped.values()]
-    return [
-        known_object(
-            f"{entry.category} {entry.id}",
-            _prior(entry, priors),
-            entry.state,
-            entry.uncertainty,
-            points=points,
-        )
-        for entry in chosen
-    ]
+    by_category = {entry.category: prior_for(entry.category, priors) for entry in chosen}
+    found = []
+    for entry in chosen:
+        prior = by_category[entry.category]
+        _check_prior(entry, prior)
+        name = f"{entry.category} {entry.id}"
+        found.append(known_object(name, prior, entry.state, entry.uncertainty, points=points))
+    return found
 
 
-def _prior(entry: MappedObject, priors: Sequence[ShapePrior]) -> ShapePrior:
-    prior = prior_for(entry.category, priors)
+def _check_prior(entry: MappedObject, prior: ShapePrior) -> None:
+    """A code means nothing to another decoder."""
     found = prior.card.get("sha256", "unknown")
     if entry.prior is not None and entry.prior.hash != found:
         raise MapError(
             f"object {entry.id} ({entry.category}) was mapped with prior {entry.prior.name} {entry.prior.hash[:12]}, "
             f"the one at hand is {found[:12]}: give its file, or map it again"
         )
-    return prior

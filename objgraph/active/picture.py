@@ -18,7 +18,7 @@ LABELS: dict[Criterion, str] = {
     "pose": "expected information on the 9-DoF pose (nats)",
     "surface": "expected decrease of the mean surface variance (cm²)",
 }
-_UNITS: dict[Criterion, float] = {"information": 1.0, "pose": 1.0, "surface": 1e4}
+UNITS: dict[Criterion, float] = {"information": 1.0, "pose": 1.0, "surface": 1e4}
 """From `ViewGain.total` to the label's unit."""
 
 
@@ -42,7 +42,7 @@ def sphere_picture(
     axes = np.stack([east / np.linalg.norm(east), np.cross(up, east / np.linalg.norm(east)), up])
     figure = Figure(figsize=(11, 5.2), dpi=100)
     eyes = np.array([view.T_world_camera.translation() for view in views])
-    gains = _UNITS[criterion] * np.array([view.total(criterion) for view in views])
+    gains = UNITS[criterion] * np.array([view.total(criterion) for view in views])
     scale = Normalize(gains.min(), gains.max())
     limit = sigma_limit([sigma]) or 1.0
     for column, (elevation, azimuth, title) in enumerate(

@@ -24,6 +24,7 @@ SIZES = {"small": 6, "standard": 24, "full": 100}
 _NUMBERS: dict[Category, int] = {"chair": 0, "table": 1}  # in the seeds: never to be changed
 _TARGET = 1
 UP = np.array([0.0, 0.0, 1.0])
+UP.flags.writeable = False
 """Of every case's world."""
 
 
@@ -148,13 +149,6 @@ class World:
     def first_camera(self) -> gtsam.Pose3:
         """T_world_camera of the case's first view, which is the same in either spacing."""
         return gtsam.Pose3(_raised(self.scene.cameras["wide"][0], self.floor))
-
-    def clutter(self) -> list[tuple[np.ndarray, np.ndarray]]:
-        """Vertices and faces of what else is in the room."""
-        room, lift = self.scene.room, np.array([0.0, 0.0, self.floor])
-        meshes = [(piece.p_world, piece.piece.mesh.faces) for piece in room.clutter]
-        meshes += [(part.vertices, part.faces) for part in room.shell]
-        return [(np.asarray(vertices) + lift, np.asarray(faces)) for vertices, faces in meshes]
 
 
 def synthetic_cases(config: BenchmarkConfig) -> list[Case]:

@@ -270,6 +270,9 @@ def test_the_command_lists_the_best_views_and_writes_them(tmp_path, monkeypatch)
     assert [view["gain"] for view in document["views"]] == [view.total() for view in views]
     np.testing.assert_allclose(document["views"][0]["T_world_camera"], views[0].T_world_camera.matrix())
     assert (tmp_path / "out" / "next_view_chair_1.png").stat().st_size > 10_000
+    surface = run_next_view(replace(command, criterion="surface", out=None), console)
+    assert "(cm²)" in (text := console.export_text().replace("\n", " "))
+    assert f"{1e4 * surface[0].total('surface'):.3g}" in text
 
 
 def test_the_picture_marks_where_it_was_seen_from(tmp_path, chair):

@@ -51,6 +51,8 @@ def test_arrays_are_read_only_double_copies():
         ({"vertex_sigma": np.ones(2)}, "vertex_sigma has 2 entries"),
         ({"joint_covariance": np.eye(12)}, r"joint_covariance has shape \(12, 12\), not 17 x 17"),
         ({"joint_covariance": np.eye(17)}, "joint_covariance contradicts"),
+        ({"joint_covariance": -np.eye(17)}, "joint_covariance is none: .*negative variance"),
+        ({"joint_covariance": np.triu(np.ones((17, 17)))}, "joint_covariance is none: .*not symmetric"),
     ],
 )
 def test_what_cannot_be_is_refused_with_object_and_field(changes, complaint):

@@ -289,6 +289,7 @@ def test_an_estimate_by_gradients_is_a_whole_entry(by_estimator, name, tmp_path)
     p_object = (entry.vertices - T[:3, 3]) @ T[:3, :3] / entry.scale
     np.testing.assert_allclose(np.ptp(p_object, axis=0), toy_mesh(entry.code.copy()).extents, atol=0.03)
     assert np.isfinite(entry.vertex_sigma).all()
+    assert entry.cost_final <= entry.cost_initial
     if name == "adam":  # the graph's own start may already be the best place it knows
         assert entry.cost_final < entry.cost_initial
 
