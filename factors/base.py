@@ -90,11 +90,11 @@ class ObservationFactor(ABC):
         """The camera-frame points (n, 3) to decode."""
 
     @abstractmethod
-    def loss_of(self, value: Tensor) -> float:
+    def loss_of(self, query: SdfQuery, value: Tensor) -> float:
         """The frozen loss, given the decoder's values at `points_camera`."""
 
     @abstractmethod
-    def active(self, value: Tensor) -> Tensor:
+    def active(self, query: SdfQuery, value: Tensor) -> Tensor:
         """Indices of the points whose derivatives matter, given the decoder's values at all of them."""
 
     @abstractmethod
@@ -114,7 +114,8 @@ class ObservationFactor(ABC):
 
     def loss(self, values: gtsam.Values) -> float:
         """The frozen loss: half the squared norm of the residual that GTSAM sees."""
-        return self.loss_of(self._value(self.query(values)))
+        query = self.query(values)
+        return self.loss_of(query, self._value(query))
 
     def rows(self, values: gtsam.Values) -> Rows:
         """All rows, before their reduction."""
@@ -163,7 +164,7 @@ class ObservationFactor(ABC):
         jet = self.known_jet(query)
         if jet is None:
             value = self._value(query)
-            jet = self.decoder.linearize(query.p_object[self.active(value)], query.code[None])
+            jet = self.decoder.linearize(query.p_object[self.active(query, value)], query.code[None])
             self.remember(query, value, jet)
         return jet
 

@@ -34,7 +34,7 @@ def _prefetch_jets(queries: list[tuple[ObservationFactor, SdfQuery]]) -> None:
         value = factor.known_value(query)
         if value is None:  # not finite: the factor's own evaluation says so
             continue
-        some.append((factor, query.take(factor.active(value))))
+        some.append((factor, query.take(factor.active(query, value))))
         whole[id(factor)] = query, value
     for batch in _batches(some):
         points, codes, owner, sizes = _stack(batch)

@@ -13,7 +13,7 @@ from factors.full_distribution import FullDistribution
 from factors.rays import RayCells, Rays, box_interval, choose_cells, coarse_depths
 from factors.reduce import Rows
 from factors.rendering import RaySamples, RayTargets, RenderedRows, Renderer
-from factors.sdf import SdfQuery, metres_per_unit, query_points
+from factors.sdf import MetricSdf, SdfQuery, query_points
 from factors.sdf_decoder import SdfDecoder, SdfJet
 from factors.state import ObjectKeys, ObjectState
 from factors.weighting import Weighting
@@ -43,7 +43,8 @@ class _Frozen:
     cells: RayCells
     targets: RayTargets
     p_camera: np.ndarray
-    metres: Tensor
+    metric: MetricSdf
+    """Of all cells, ray by ray."""
     sdf_sigma: Tensor
     spread: Tensor
     weight: Tensor
@@ -53,8 +54,8 @@ class _Frozen:
 class DepthFactor(ObservationFactor):
     """Scores of the rendered depth of one view's rays.
 
-    Frozen by `refresh`: which rays meet the object's box, their cells, each cell's metres per canonical unit
-    and standard deviation, the occupancy slope and each ray's spread.
+    Frozen by `refresh`: which rays meet the object's box, their cells, each cell's gradient (by which metres follow
+    the scale) and standard deviation, the occupancy slope and each ray's spread.
     """
 
     def __init__(
@@ -98,12 +99,13 @@ class DepthFactor(ObservationFactor):
         with torch.no_grad():
             value = self.decoder(query.p_object, query.code[None])
         self.remember(query, value)
-        metres = self._metres(query, value, state).view_as(cells.depth)
+        metric = self._metric(query, value, state)
+        metres = metric.metres.view_as(cells.depth)
         sdf, sdf_sigma = metres * value.double().view_as(metres), self._prior_sigma * metres
         samples = RaySamples(sdf, sdf_sigma.clamp_min(1e-6), cells, targets, annealing.slope)
         spread = self._renderer.freeze(samples)
         self._frozen = _Frozen(
-            meets, cells, targets, p_camera, metres, samples.sdf_sigma, spread,
+            meets, cells, targets, p_camera, metric, samples.sdf_sigma, spread,
             self._weighting.take(meets).per_row(spread), annealing.slope,
         )  # fmt: skip
         self._frozen_at = place if value.isfinite().all() else None
@@ -111,36 +113,38 @@ class DepthFactor(ObservationFactor):
     def points_camera(self) -> np.ndarray:
         return self._held.p_camera
 
-    def loss_of(self, value: Tensor) -> float:
-        return float((self._held.weight * self._render(value).loss).sum())
+    def loss_of(self, query: SdfQuery, value: Tensor) -> float:
+        return float((self._held.weight * self._render(query, value).loss).sum())
 
-    def active(self, value: Tensor) -> Tensor:
-        strength = (self._held.weight.sqrt()[:, None, None] * self._render(value).d_sdf).abs().amax(dim=1)
+    def active(self, query: SdfQuery, value: Tensor) -> Tensor:
+        strength = (
+            (self._held.weight.sqrt()[:, None, None] * self._render(query, value).d_sdf).abs().amax(dim=1)
+        )
         if not strength.numel():  # no ray meets the object's box
             return torch.zeros(0, dtype=torch.long)
         return torch.nonzero((strength > _NEGLIGIBLE * strength.max()).flatten())[:, 0]
 
     def rows_of(self, query: SdfQuery, value: Tensor, jet: SdfJet) -> Rows:
         frozen = self._held
-        rendered = self._render(value)
+        rendered = self._render(query, value)
         root = frozen.weight.sqrt()[:, None]
         residual = (root * rendered.residual).flatten()
-        rows = self._quantity_jacobian(query, self.active(value), jet, root[..., None] * rendered.d_sdf)
+        rows = self._quantity_jacobian(query, value, jet, root[..., None] * rendered.d_sdf)
         speaks = (residual != 0) | (rows.abs().amax(dim=1) > 0)
         loss = float((frozen.weight * rendered.loss).sum())
         return Rows(rows[speaks], residual[speaks], loss)
 
-    def _quantity_jacobian(self, query: SdfQuery, active: Tensor, jet: SdfJet, d_sdf: Tensor) -> Tensor:
+    def _quantity_jacobian(self, query: SdfQuery, value: Tensor, jet: SdfJet, d_sdf: Tensor) -> Tensor:
         """Chain rule: rows (r * q, d) of quantities whose derivative w.r.t. the cells' metric SDF is (r, q, k)."""
-        metres = self._held.metres
-        some = self.sdf_jacobian(query.take(active), jet).double()
-        jacobian = torch.zeros(metres.numel(), some.shape[1], dtype=some.dtype)
-        jacobian[active] = some * metres.flatten()[active, None]
-        return torch.bmm(d_sdf, jacobian.unflatten(0, metres.shape)).flatten(0, 1)
+        active, shape = self.active(query, value), self._held.cells.depth.shape
+        some = self.sdf_jacobian(query.take(active), jet)
+        jacobian = torch.zeros(len(value), some.shape[1], dtype=torch.float64)
+        jacobian[active] = self._held.metric.take(active).jacobian(query.state, value[active], some)
+        return torch.bmm(d_sdf, jacobian.unflatten(0, shape)).flatten(0, 1)
 
-    def _render(self, value: Tensor) -> RenderedRows:
+    def _render(self, query: SdfQuery, value: Tensor) -> RenderedRows:
         frozen = self._held
-        sdf = frozen.metres * value.double().view_as(frozen.metres)
+        sdf = (frozen.metric.at(query.state) * value.double()).view_as(frozen.cells.depth)
         samples = RaySamples(sdf, frozen.sdf_sigma, frozen.cells, frozen.targets, frozen.slope)
         return self._renderer.render(samples, frozen.spread)
 
@@ -166,15 +170,15 @@ class DepthFactor(ObservationFactor):
         cells = choose_cells(start, end, metres * sdf, targets.depth, step_at, self._sampling.cells, band)
         return replace(cells, far=torch.as_tensor(far))
 
-    def _metres(self, query: SdfQuery, value: Tensor, state: ObjectState) -> Tensor:
+    def _metric(self, query: SdfQuery, value: Tensor, state: ObjectState) -> MetricSdf:
         """Metres per canonical unit of every cell; away from the surface, where it hardly matters, their mean."""
-        mean = float(np.exp(state.log_scale.mean()))
-        metres = torch.full((len(value),), mean, dtype=torch.float64)
+        metres = torch.full((len(value),), float(np.exp(state.log_scale.mean())), dtype=torch.float64)
+        share = torch.full((len(value), 3), 1 / 3, dtype=torch.float64)
         near = torch.nonzero(value.abs() < _NEAR)[:, 0]
         if len(near):
             jet = self.decoder.linearize(query.p_object[near], query.code[None])
-            metres[near] = metres_per_unit(jet.d_point, state).double()
-        return metres
+            metres[near], share[near], _ = MetricSdf.of(jet.d_point, state)
+        return MetricSdf(metres, share, np.array(state.log_scale))
 
     def _points(self, rays: np.ndarray, depth: Tensor) -> np.ndarray:
         directions = self._rays.directions_camera[rays]

@@ -6,6 +6,7 @@ rows are h^T [q]x, -h^T, -(g * p_object), df/dz, and for the camera h^T R^T R_c 
 """
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import gtsam
 import numpy as np
@@ -14,7 +15,7 @@ from jaxtyping import Float, Int
 from torch import Tensor
 
 from factors.sdf_decoder import SdfDecoder, SdfJet
-from factors.state import ObjectState
+from factors.state import POSE_DOF, RIGID_DOF, ObjectState
 
 _GRADIENT_RANGE = (0.5, 2.0)
 """A true distance field has gradient norm 1; a decoder's is trusted within these bounds."""
@@ -81,6 +82,45 @@ def sdf_jacobian(query: SdfQuery, jet: SdfJet, camera: bool) -> Float[Tensor, "n
         p_camera = torch.as_tensor(query.p_camera, dtype=dtype, device=device)
         columns += [torch.linalg.cross(p_camera, in_camera), in_camera]
     return torch.cat(columns, dim=1)
+
+
+class MetricSdf(NamedTuple):
+    """Metres per canonical SDF unit at n points, as the object's scale changes and the decoder's gradient does not.
+
+    Were they held as well, growing an object and shrinking its shape would lower every residual and leave the
+    surface where it is.
+    """
+
+    metres: Float[Tensor, "n"]
+    """At `log_scale`."""
+    share: Float[Tensor, "n 3"]
+    """d log metres / d log-scale: the squared components of the metric normal along the object's axes."""
+    log_scale: Float[np.ndarray, "3"]
+
+    @classmethod
+    def of(cls, d_point: Float[Tensor, "n 3"], state: ObjectState) -> "MetricSdf":
+        """Where the decoder has these gradients."""
+        scale = torch.as_tensor(state.scale, dtype=torch.float64, device=d_point.device)
+        normal = torch.nn.functional.normalize(d_point.double() / scale, dim=1)
+        return cls(metres_per_unit(d_point, state).double(), normal.square(), np.array(state.log_scale))
+
+    def at(self, state: ObjectState) -> Float[Tensor, "n"]:
+        """Metres per canonical unit at another scale, to first order in its logarithm."""
+        moved = torch.as_tensor(state.log_scale - self.log_scale, device=self.share.device)
+        return self.metres * torch.exp(self.share @ moved)
+
+    def jacobian(
+        self, state: ObjectState, value: Float[Tensor, "n"], d_value: Float[Tensor, "n d"]
+    ) -> Float[Tensor, "n d"]:
+        """Derivative of the metric SDF, from the canonical one's value and derivative (see `sdf_jacobian`)."""
+        metres = self.at(state)[:, None]
+        rows = metres * d_value.double()
+        rows[:, POSE_DOF:RIGID_DOF] += metres * value.double()[:, None] * self.share
+        return rows
+
+    def take(self, indices: Int[Tensor, "m"]) -> "MetricSdf":
+        """At some of the points."""
+        return MetricSdf(self.metres[indices], self.share[indices], self.log_scale)
 
 
 def propagated_variance(

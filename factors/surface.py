@@ -12,15 +12,14 @@ from factors.base import Annealing, ObservationFactor, place_of
 from factors.errors import FactorError
 from factors.reduce import Rows
 from factors.score import energy_score, majorizing_weight
-from factors.sdf import SdfQuery, metres_per_unit, propagated_variance, query_points, sdf_jacobian
+from factors.sdf import MetricSdf, SdfQuery, propagated_variance, query_points, sdf_jacobian
 from factors.sdf_decoder import SdfDecoder, SdfJet
 from factors.state import ObjectKeys
 from factors.weighting import Weighting
 
 
 class _Frozen(NamedTuple):
-    metres: Float[Tensor, "n"]
-    """Metres per canonical SDF unit."""
+    metric: MetricSdf
     sigma: Float[Tensor, "n"]
     weight: Float[Tensor, "n"]
 
@@ -28,7 +27,7 @@ class _Frozen(NamedTuple):
 class SurfaceFactor(ObservationFactor):
     """Energy scores of the SDF at the surface points of one view, in metres.
 
-    Frozen by `refresh`: each point's metres per canonical unit, and its standard deviation, which joins the
+    Frozen by `refresh`: the decoder's gradient, by which metres follow the scale, and each point's standard deviation, which joins the
     sensor's, the prior's own error and, where `state_covariance` is given, the propagated one of
     paper eq:sdf_variance.
     """
@@ -66,6 +65,11 @@ class SurfaceFactor(ObservationFactor):
     def is_frozen(self) -> bool:
         return self._frozen is not None
 
+    @property
+    def measurements(self) -> float:
+        """How many independent measurements its points are, all together."""
+        return float(np.broadcast_to(self._weighting.amount, len(self._points_camera)).sum())
+
     def refresh(self, values: gtsam.Values, annealing: Annealing = Annealing()) -> None:  # noqa: B008
         state, camera = self.state(values), self.T_world_camera(values)
         if (place := place_of(state, camera, annealing)) == self._frozen_at:
@@ -73,31 +77,31 @@ class SurfaceFactor(ObservationFactor):
         query = query_points(self.decoder, state, camera, self._points_camera)
         jet = self.decoder.linearize(query.p_object, query.code[None])
         self.remember(query, jet.value, jet)
-        metres = metres_per_unit(jet.d_point, state).double()
-        variance = self._sensor_sigma**2 + (self._prior_sigma * metres) ** 2
+        metric = MetricSdf.of(jet.d_point, state)
+        variance = self._sensor_sigma**2 + (self._prior_sigma * metric.metres) ** 2
         if self._state_covariance is not None:
-            jacobian = metres[:, None] * sdf_jacobian(query, jet, camera=False).double()
+            jacobian = metric.metres[:, None] * sdf_jacobian(query, jet, camera=False).double()
             variance = variance + propagated_variance(jacobian, self._state_covariance)
         sigma = variance.sqrt()
-        self._frozen = _Frozen(metres, sigma, self._weighting.per_row(sigma))
+        self._frozen = _Frozen(metric, sigma, self._weighting.per_row(sigma))
         self._frozen_at = place if jet.value.isfinite().all() else None
 
     def points_camera(self) -> np.ndarray:
         return self._points_camera
 
-    def loss_of(self, value: Tensor) -> float:
-        metres, sigma, weight = self._held
-        return float((weight * energy_score(metres * value.double(), sigma)).sum())
+    def loss_of(self, query: SdfQuery, value: Tensor) -> float:
+        metric, sigma, weight = self._held
+        return float((weight * energy_score(metric.at(query.state) * value.double(), sigma)).sum())
 
-    def active(self, value: Tensor) -> Tensor:
+    def active(self, query: SdfQuery, value: Tensor) -> Tensor:
         return torch.arange(len(value), device=value.device)
 
     def rows_of(self, query: SdfQuery, value: Tensor, jet: SdfJet) -> Rows:
-        metres, sigma, weight = self._held
-        mu = metres * value.double()
+        metric, sigma, weight = self._held
+        mu = metric.at(query.state) * value.double()
         root = (weight * majorizing_weight(mu, sigma)).sqrt()
-        jacobian = self.sdf_jacobian(query, jet).double()
-        return Rows((root * metres)[:, None] * jacobian, root * mu, self.loss_of(value))
+        jacobian = metric.jacobian(query.state, value, self.sdf_jacobian(query, jet))
+        return Rows(root[:, None] * jacobian, root * mu, self.loss_of(query, value))
 
     @property
     def _held(self) -> _Frozen:

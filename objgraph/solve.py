@@ -28,6 +28,8 @@ class LevenbergMarquardtConfig:
     """Relative to the Hessian's diagonal."""
     relative_tolerance: float = 1e-3
     """Stop where an accepted step lowers the cost by less than this share of it."""
+    absolute_tolerance: float = 0.2
+    """... and by less than this: the cost of many objects is large wherever they are."""
 
 
 @dataclass(frozen=True)
@@ -40,6 +42,8 @@ class SolverConfig:
     """Rounds at most."""
     relative_tolerance: float = 5e-3
     """Stop at the last slope where a round lowers the refreshed cost by less than this share of it."""
+    absolute_tolerance: float = 1.0
+    """... and by less than this, in units of the cost: half a squared standard deviation."""
     inner: LevenbergMarquardtConfig = field(default_factory=LevenbergMarquardtConfig)
 
 
@@ -58,6 +62,8 @@ class Problem:
     cost: float = np.nan
     linearizations: int = 0
     error_evaluations: int = 0
+    damping: float = 0.0
+    """What the last accepted step left; the next minimisation does not begin below."""
     failure: str | None = None
     """Why it was given up; the values are then the last good ones."""
 
@@ -95,7 +101,7 @@ def solve(
         slope = config.slopes[min(round_index, len(config.slopes) - 1)]
         active = [problem for problem in active if _guarded(problem, lambda p, s=slope: p.refresh(s))]
         if round_index >= len(config.slopes):
-            active = [p for p in active if _still_falling(p, best, config.relative_tolerance)]
+            active = [p for p in active if _still_falling(p, best, config)]
         active = _levenberg_marquardt(active, config.inner, refuse_undetermined and round_index == 0)
         if progress is not None:
             progress(round_index + 1, config.rounds)
@@ -103,7 +109,7 @@ def solve(
             break
     for problem in active:
         if _guarded(problem, lambda p: p.refresh(last)):
-            _still_falling(problem, best, config.relative_tolerance)
+            _still_falling(problem, best, config)
     for problem in problems:
         if id(problem) in best:
             start = (problem.cost_initial, starts[id(problem)])
@@ -116,7 +122,9 @@ def _begin(problem: Problem, slope: float) -> None:
         raise SolveError(f"the cost at the start is {problem.cost_initial}")
 
 
-def _still_falling(problem: Problem, best: dict[int, tuple[float, gtsam.Values]], tolerance: float) -> bool:
+def _still_falling(
+    problem: Problem, best: dict[int, tuple[float, gtsam.Values]], config: SolverConfig
+) -> bool:
     """Keep the refreshed problem's values if they are its best so far, and say whether they were much better."""
     costs: list[float] = []
     if not _guarded(problem, lambda p: costs.append(p.graph.error(p.values))):
@@ -125,7 +133,7 @@ def _still_falling(problem: Problem, best: dict[int, tuple[float, gtsam.Values]]
     before = best.get(id(problem), (np.inf, problem.values))[0]
     if cost < before:
         best[id(problem)] = (cost, gtsam.Values(problem.values))
-    return before - cost > tolerance * cost
+    return before - cost > min(config.relative_tolerance * cost, config.absolute_tolerance)
 
 
 def minimize(problem: Problem, config: LevenbergMarquardtConfig | None = None) -> None:
@@ -153,7 +161,7 @@ class _Step:
 def _levenberg_marquardt(
     problems: Sequence[Problem], config: LevenbergMarquardtConfig, check: bool = False
 ) -> list[Problem]:
-    steps = [_Step(problem, config.initial_damping, unchecked=check) for problem in problems]
+    steps = [_Step(p, max(config.initial_damping, p.damping), unchecked=check) for p in problems]
     _decode(steps, trial=False)
     for step in steps:
         step.done = not _guarded(step.problem, _start)
@@ -207,9 +215,11 @@ def _judge(step: _Step, config: LevenbergMarquardtConfig) -> None:
     # capped: where next to nothing was predicted the ratio is that of rounding errors
     gain = min((problem.cost - cost) / max(step.predicted, 1e-300), 10.0)
     if np.isfinite(cost) and cost < problem.cost and gain > 1e-4:
-        step.done = problem.cost - cost < config.relative_tolerance * problem.cost
+        least = min(config.relative_tolerance * problem.cost, config.absolute_tolerance)
+        step.done = problem.cost - cost < least
         problem.values, problem.cost, step.linear = step.trial, cost, None
         step.damping = max(step.damping * max(1 / 3, 1 - (2 * gain - 1) ** 3), 1e-9)
+        problem.damping = step.damping
         step.growth = 2.0
         return
     step.damping *= step.growth

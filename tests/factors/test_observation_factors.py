@@ -99,7 +99,9 @@ def test_error_is_the_loss_and_gradient_is_its(kind, variable_camera, angle):
 def test_rendered_quantity_jacobian(kind, variable_camera):
     """Expected transmittance and rendered depth, through retract, with the majoriser's weights held."""
     factor, values = problem(kind, variable_camera, seed=9)
-    rendered = factor._render(factor.decoder(factor.query(values).p_object, factor.query(values).code[None]))
+    query = factor.query(values)
+    value = factor.decoder(query.p_object, query.code[None])
+    rendered = factor._render(query, value)
     scale = 1.0
     if kind == "depth-paper":  # rows are sqrt(w) * (mean - observed): compare the mean itself
         error = _mean_depth(factor, values)
@@ -109,12 +111,12 @@ def test_rendered_quantity_jacobian(kind, variable_camera):
         if kind == "depth-paper":
             return _mean_depth(factor, at).numpy()
         query = factor.query(at)
-        return factor._render(factor.decoder(query.p_object, query.code[None])).residual.numpy().ravel()
+        return (
+            factor._render(query, factor.decoder(query.p_object, query.code[None])).residual.numpy().ravel()
+        )
 
-    query = factor.query(values)
-    active = factor.active(factor.decoder(query.p_object, query.code[None]))
-    jet = factor.decoder.linearize(query.p_object[active], query.code[None])
-    rows = factor._quantity_jacobian(query, active, jet, rendered.d_sdf).numpy()
+    jet = factor.decoder.linearize(query.p_object[factor.active(query, value)], query.code[None])
+    rows = factor._quantity_jacobian(query, value, jet, rendered.d_sdf).numpy()
     if kind == "depth-paper":
         rows = rows / np.where(scale == 0, 1, scale)[:, None]
     dof, step = sum(factor.dims), 1e-6
@@ -134,7 +136,8 @@ def _mean_depth(factor, values):
     from factors.occupancy import depth_moments, quadrature_moments
 
     frozen, query = factor._held, factor.query(values)
-    sdf = frozen.metres * factor.decoder(query.p_object, query.code[None]).view_as(frozen.metres)
+    value = factor.decoder(query.p_object, query.code[None])
+    sdf = (frozen.metric.at(query.state) * value).view_as(frozen.cells.depth)
     moments = quadrature_moments(sdf, frozen.sdf_sigma, frozen.slope)
     escape = 1.1 * frozen.cells.far
     mean = depth_moments(moments, frozen.cells.depth, escape).mean

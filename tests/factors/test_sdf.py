@@ -1,9 +1,11 @@
+from dataclasses import replace
+
 import gtsam
 import numpy as np
 import pytest
 import torch
 
-from factors.sdf import metres_per_unit, propagated_variance, query_points, sdf_jacobian
+from factors.sdf import MetricSdf, metres_per_unit, propagated_variance, query_points, sdf_jacobian
 from factors.state import ObjectState
 from tests.factors.conftest import CODE_LENGTH, SphereDecoder, make_decoder, random_camera, random_state
 
@@ -54,6 +56,44 @@ def test_metres_of_a_scaled_sphere_are_metres():
     jet = decoder.linearize(query.p_object, query.code[None])
     metric = metres_per_unit(jet.d_point, state) * jet.value
     np.testing.assert_allclose(metric, 0.1, atol=1e-12)
+
+
+def test_metres_follow_the_scale():
+    """Frozen with the decoder's gradient, they are those of any other scale, and so is the metric derivative."""
+    rng = np.random.default_rng(5)
+    decoder, state, camera = make_decoder(4), random_state(rng), random_camera(rng)
+    points = rng.normal(size=(40, 3)) * 0.2 + [0, 0, 2.5]
+    query = query_points(decoder, state, camera, points)
+    jet = decoder.linearize(query.p_object, query.code[None])
+    frozen = MetricSdf.of(jet.d_point, state)
+    torch.testing.assert_close(frozen.at(state), metres_per_unit(jet.d_point, state))
+    moved = replace(state, log_scale=state.log_scale + [0.02, -0.01, 0.015])
+    anew = metres_per_unit(jet.d_point, moved)
+    assert (anew / frozen.metres - 1).abs().max() > 0.01
+    torch.testing.assert_close(frozen.at(moved), anew, rtol=5e-4, atol=0)
+
+    def metric(state, camera):
+        query = query_points(decoder, state, camera, points)
+        return (frozen.at(state) * decoder(query.p_object, query.code[None])).detach().numpy()
+
+    analytic = frozen.jacobian(state, jet.value, sdf_jacobian(query, jet, camera=True)).numpy()
+    numeric = numerical_jacobian(metric, state, camera, analytic.shape[1])
+    assert np.abs(analytic - numeric).max() < 1e-5 * np.abs(numeric).max()
+
+
+def test_growing_an_object_and_shrinking_its_shape_leaves_residuals_as_they_are():
+    decoder, points, residuals = SphereDecoder(), 0.44 * np.eye(3), []
+    start = ObjectState(gtsam.Pose3(), np.zeros(3), np.zeros(CODE_LENGTH))
+    query = query_points(decoder, start, gtsam.Pose3(), points)
+    frozen = MetricSdf.of(decoder.linearize(query.p_object, query.code[None]).d_point, start)
+    for growth in (1.0, 1.2):
+        code = np.array([0.4 / growth - 0.4, *np.zeros(CODE_LENGTH - 1)])
+        query = query_points(
+            decoder, replace(start, log_scale=np.full(3, np.log(growth)), code=code), gtsam.Pose3(), points
+        )
+        residuals.append(frozen.at(query.state) * decoder(query.p_object, query.code[None]))
+    torch.testing.assert_close(residuals[1], residuals[0])
+    torch.testing.assert_close(residuals[0], torch.full((3,), 0.04, dtype=torch.float64))
 
 
 def test_propagated_variance_is_that_of_sampled_states():

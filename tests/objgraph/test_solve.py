@@ -307,9 +307,9 @@ def test_rounds_stop_where_nothing_is_gained():
 def test_a_worse_last_round_is_not_kept():
     """A refresh may raise the cost; what is returned is the best of the last slope, not the last."""
     problem = Recorded.of(chair_problem())
-    solve([problem], SolverConfig(slopes=(200.0,), rounds=8, relative_tolerance=-np.inf))
+    solve([problem], SolverConfig(slopes=(200.0,), rounds=3, relative_tolerance=-np.inf))
     costs = [cost for _, cost in problem.refreshed]
-    assert len(costs) >= 8
+    assert len(costs) > 3
     assert min(costs) < costs[-1]  # or this start would show nothing
     assert problem.cost == pytest.approx(min(costs), rel=1e-9)
     problem.refresh(200.0)
