@@ -35,7 +35,7 @@ from objgraph.synthetic.sample import SampleConfig, ensure_sample
 from objgraph.trajectory import Trajectory, absolute_trajectory_error, write_tum
 
 FEW = SamplingConfig(
-    points=100, hits=60, free=60
+    points=50, hits=30, free=30
 )  # of every view; the graph counts patches of surface, not pixels
 
 

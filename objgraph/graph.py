@@ -23,6 +23,9 @@ from objgraph.prior.registry import prior_for
 from objgraph.sampling import ObjectView
 from objgraph.solve import Problem, SolverConfig, solve
 
+JOINT_ROUNDS = 20
+"""Of the solver, at most, where cameras and objects are unknown together."""
+
 
 @dataclass
 class ObjectHandle:
@@ -165,12 +168,14 @@ class ObjectGraph:
     def optimize(self, config: SolverConfig | None = None) -> list[Problem]:
         """Minimise the whole graph, each connected part by itself; the values are updated in place.
 
+        Cameras and objects together take more rounds than one object: by default up to `JOINT_ROUNDS`.
+
         Raises:
             SolveError: a part failed, or leaves something undetermined; the message names its objects, and the
                 directions and the priors that are missing. Parts that succeeded are updated all the same.
         """
         problems = self.problems()
-        solve(problems, config, refuse_undetermined=True)
+        solve(problems, config or SolverConfig(rounds=JOINT_ROUNDS), refuse_undetermined=True)
         for problem in problems:
             self.values.update(problem.values)
         failed = [f"{problem.name}: {problem.failure}" for problem in problems if problem.failure]
