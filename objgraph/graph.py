@@ -13,7 +13,7 @@ from factors.keys import readable_key
 from factors.rays import Rays
 from factors.state import ObjectKeys, ObjectState
 from objgraph.covariance.labelled import ObjectCovariance
-from objgraph.covariance.marginals import joint_covariance
+from objgraph.covariance.marginals import Posterior
 from objgraph.diagnostics.undetermined import require_values
 from objgraph.errors import ObservationError, SolveError
 from objgraph.initialise import InitialisationConfig, guesses, rank
@@ -211,8 +211,19 @@ class ObjectGraph:
     def state(self, handle: ObjectHandle) -> ObjectState:
         return ObjectState.from_values(self.values, handle.keys)
 
+    def posterior(self) -> Posterior:
+        """The whole graph as it is now, for the covariances of many objects: `.marginals(handle.keys)`.
+
+        Raises:
+            SolveError: the graph leaves something undetermined; the message says what is missing.
+        """
+        return Posterior(self.graph, self.values, [each.keys for each in self.objects])
+
     def marginals(self, handle: ObjectHandle) -> ObjectCovariance:
-        """The object's joint covariance of pose, log-scale and code; raises SolveError where undetermined."""
+        """The object's joint covariance of pose, log-scale and code; raises SolveError where undetermined.
+
+        Linearises what the object is connected with; `posterior` does so once for all.
+        """
         return ObjectCovariance.of(self.joint_marginals(handle), "marginals")
 
     def joint_marginals(self, handle: ObjectHandle, others: Sequence[int] = ()) -> Float[np.ndarray, "d d"]:
@@ -227,7 +238,7 @@ class ObjectGraph:
         graph, values = (parts[0].graph, parts[0].values) if len(parts) == 1 else (self.graph, self.values)
         if not all(values.exists(key) for key in keys):
             graph, values = self.graph, self.values
-        return joint_covariance(graph, values, keys, [each.keys for each in self.objects])
+        return Posterior(graph, values, [each.keys for each in self.objects]).joint_covariance(keys)
 
     def _first_estimate(
         self,

@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 
 import gtsam
-import numpy as np
 from scipy.stats import chi2
 
 from factors.batch import prefetch

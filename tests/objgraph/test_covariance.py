@@ -11,7 +11,7 @@ from factors.base import Annealing
 from factors.priors import code_prior, scale_prior, upright_prior
 from factors.state import ObjectKeys
 from objgraph.covariance.labelled import RIGID_AXES, ObjectCovariance
-from objgraph.covariance.marginals import joint_covariance, marginals
+from objgraph.covariance.marginals import Posterior, marginals
 from objgraph.covariance.surface import surface_sigma
 from objgraph.errors import SolveError
 from objgraph.graph import GraphConfig, ObjectGraph
@@ -75,9 +75,24 @@ def test_marginals_are_the_inverse_of_the_dense_hessian(camera_key):
         atol=1e-5,
     )
     if camera_key:
-        joint = joint_covariance(objects.graph, objects.values, [X(0), keys.pose])
+        joint = Posterior(objects.graph, objects.values).joint_covariance([X(0), keys.pose])
         order = [*range(13, 19), *range(6)]
         np.testing.assert_allclose(joint, expected[np.ix_(order, order)], rtol=1e-4, atol=1e-10)
+
+
+def test_a_posterior_answers_for_every_object_as_the_graph_was():
+    objects = chair_graph(camera_key=True)
+    start = toy_state(1.1)
+    other = objects.add_object(toy_prior(), start)
+    pose = gtsam.noiseModel.Isotropic.Sigma(6, 0.1)
+    objects.graph.push_back(gtsam.PriorFactorPose3(other.keys.pose, start.T_world_object, pose))
+    expected = [objects.marginals(handle).matrix for handle in objects.objects]
+    posterior = objects.posterior()
+    objects.values.update(other.keys.log_scale, np.full(3, 0.5))
+    for handle, matrix in zip(objects.objects, expected, strict=True):
+        np.testing.assert_allclose(posterior.marginals(handle.keys).matrix, matrix, rtol=1e-6, atol=1e-12)
+    both = posterior.joint_covariance([other.keys.pose, X(0)])
+    np.testing.assert_allclose(both[:6, 6:], 0.0, atol=1e-12)  # they share no factor
 
 
 def test_an_unknown_camera_makes_the_object_less_certain():
@@ -189,7 +204,7 @@ def test_the_loosest_variable_of_many_is_named():
     with pytest.raises(
         SolveError, match=r"does not determine x9 \(translation in every direction .* about z"
     ):
-        joint_covariance(graph, values, [X(1)])
+        Posterior(graph, values).joint_covariance([X(1)])
 
 
 def test_rounding_is_no_information():
@@ -203,11 +218,11 @@ def test_rounding_is_no_information():
         graph.push_back(gtsam.PriorFactorVector(code, np.zeros(CODE), noise))
         values.insert(code, np.zeros(CODE))
         if weakest == 1e-3:
-            covariance = joint_covariance(graph, values, [code])
+            covariance = Posterior(graph, values).joint_covariance([code])
             np.testing.assert_allclose(covariance, (turn.T * sigmas**2) @ turn, rtol=1e-4)
         else:
             with pytest.raises(SolveError, match=r"does not determine z0 \(code direction, mostly code_"):
-                joint_covariance(graph, values, [code])
+                Posterior(graph, values).joint_covariance([code])
 
 
 def surface_shift(decoder: ToyDecoder, states, points: np.ndarray, normals: np.ndarray) -> np.ndarray:
