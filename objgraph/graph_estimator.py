@@ -41,7 +41,8 @@ class GraphEstimator:
         chosen = [_cheapest(several) for several in attempts]
         costs = [_begin(attempt, self.solver.slopes[-1]) for attempt in chosen]
         solve([attempt.problem for attempt in chosen if not attempt.problem.failure], self.solver, progress)
-        return [_estimate(*each) for each in zip(chosen, costs, attempts, tasks, strict=True)]
+        last = self.solver.slopes[-1]
+        return [_estimate(*each, last) for each in zip(chosen, costs, attempts, tasks, strict=True)]
 
 
 def _begin(attempt: SingleObject, slope: float) -> float:
@@ -60,13 +61,17 @@ def _cheapest(attempts: Sequence[SingleObject]) -> SingleObject:
 
 
 def _estimate(
-    attempt: SingleObject, cost_initial: float, tried: Sequence[SingleObject], task: EstimationTask
+    attempt: SingleObject,
+    cost_initial: float,
+    tried: Sequence[SingleObject],
+    task: EstimationTask,
+    slope: float,
 ) -> Estimate | SolveError:
     problem = attempt.problem
     if problem.failure is not None:
         return SolveError(f"{task.name}: {problem.failure}")
     try:
-        covariance = attempt.marginals()
+        covariance = attempt.covariance(slope)
     except SolveError as error:
         return SolveError(f"{task.name}: {error}")
     return Estimate(

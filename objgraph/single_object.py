@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from factors.state import ObjectKeys, ObjectState
+from objgraph.covariance.heading import HEADINGS, with_other_headings
 from objgraph.covariance.labelled import ObjectCovariance
 from objgraph.covariance.marginals import marginals
 from objgraph.object_factors import GraphConfig, floor_factor, state_priors, view_factors
@@ -35,8 +36,25 @@ class SingleObject:
         return replace(self.problem, values=self.start).refreshed_cost(slope)
 
     def marginals(self) -> ObjectCovariance:
-        """Joint covariance of pose, log-scale and code; raises SolveError where undetermined."""
+        """The graph's joint covariance of pose, log-scale and code; raises SolveError where undetermined."""
         return marginals(self.problem.graph, self.problem.values, _KEYS)
+
+    def covariance(self, slope: float) -> ObjectCovariance:
+        """The graph's marginals, wider where other headings are about as likely; raises SolveError where undetermined.
+
+        `slope` is the occupancy's, at which the estimate was solved.
+        """
+        return with_other_headings(self.marginals(), lambda: self.heading_costs(slope))
+
+    def heading_costs(self, slope: float) -> Float[np.ndarray, "24"]:
+        """Costs of the object turned about its own up axis, the estimate's first, all else held."""
+        place, costs = self.problem.values.atPose3(_KEYS.pose), []
+        for angle in 2 * np.pi * np.arange(HEADINGS) / HEADINGS:
+            turned = gtsam.Values(self.problem.values)
+            turned.update(_KEYS.pose, place.compose(gtsam.Pose3(gtsam.Rot3.Ry(angle), np.zeros(3))))
+            costs.append(replace(self.problem, values=turned).refreshed_cost(slope))
+        self.problem.refresh(slope)
+        return np.array(costs)
 
 
 def single_object(

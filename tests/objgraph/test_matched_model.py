@@ -60,7 +60,7 @@ def solved(prior: ShapePrior, truth: ObjectState, points: np.ndarray) -> Problem
     return problem
 
 
-def squared_error(prior: ShapePrior, seed: int) -> tuple[float, float]:
+def squared_errors(prior: ShapePrior, seed: int) -> list[float]:
     """Of pose and scale, and of all, in units of the covariance."""
     rng = np.random.default_rng(seed)
     truth = drawn_state(prior, rng)
@@ -69,12 +69,12 @@ def squared_error(prior: ShapePrior, seed: int) -> tuple[float, float]:
     found = ObjectState.from_values(problem.values, KEYS)
     moved = found.T_world_object.localCoordinates(truth.T_world_object)
     error = np.concatenate([moved, truth.log_scale - found.log_scale, truth.code - found.code])
-    return tuple(float(error[:n] @ np.linalg.solve(covariance[:n, :n], error[:n])) for n in (9, len(error)))
+    return [float(error[:n] @ np.linalg.solve(covariance[:n, :n], error[:n])) for n in (9, len(error))]
 
 
 def test_normalised_errors_follow_chi_squared():
     prior = fallback_prior("chair")
-    squared = np.array([squared_error(prior, seed) for seed in range(DRAWS)])
+    squared = np.array([squared_errors(prior, seed) for seed in range(DRAWS)])
     for errors, dof in zip(squared.T, (9, 9 + len(prior.code_mean)), strict=True):
         assert errors.mean() > 0.5 * dof  # it was solved, and did not stay at the truth
         assert kstest(errors, chi2(dof).cdf).pvalue > 0.01

@@ -1,0 +1,42 @@
+"""Objects that look alike from all sides have no heading; a Gaussian about one of them does not know."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+from jaxtyping import Float
+
+from objgraph.covariance.labelled import ObjectCovariance
+
+HEADINGS = 24
+"""Turned by so many equal steps, an object is back where it was."""
+_HEADING = 1
+"""Rotation about the object's y axis, which is up in every prior's frame, in `RIGID_AXES`."""
+_DOUBTFUL = np.radians(2.5)
+"""A heading that is known better than this locally, all else being known, is not asked for elsewhere."""
+
+
+def with_other_headings(
+    covariance: ObjectCovariance, costs: Callable[[], Float[np.ndarray, "24"]]
+) -> ObjectCovariance:
+    """The covariance with the headings in it that are about as likely as the estimate's own.
+
+    `costs` gives the negative log-posteriors of the object turned by 0, 1, ... of the `HEADINGS` steps about its up
+    axis, all else held; it is asked only where the heading is doubtful. What the variance of the heading so found
+    exceeds the Gaussian's own by, everything else being held, is added: nothing where the posterior is Gaussian,
+    up to the uniform distribution's pi^2 / 3.
+    """
+    known = 1.0 / np.linalg.inv(covariance.matrix)[_HEADING, _HEADING]
+    if known < _DOUBTFUL**2:
+        return covariance
+    matrix = covariance.matrix.copy()
+    matrix[_HEADING, _HEADING] += max(heading_variance(costs()) - known, 0.0)
+    return replace(covariance, matrix=matrix)
+
+
+def heading_variance(costs: Float[np.ndarray, "n"]) -> float:
+    """Mean square of the angle from the first heading, of n evenly spaced ones with these negative log-posteriors."""
+    angle = 2 * np.pi * np.arange(len(costs)) / len(costs)
+    angle = np.minimum(angle, 2 * np.pi - angle)
+    weight = np.exp(costs.min() - costs)
+    return float(weight @ angle**2 / weight.sum())
