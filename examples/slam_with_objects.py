@@ -35,7 +35,7 @@ from objgraph.synthetic.sample import SampleConfig, ensure_sample
 from objgraph.trajectory import Trajectory, absolute_trajectory_error, write_tum
 
 FEW = SamplingConfig(
-    points=50, hits=30, free=30
+    points=100, hits=40, free=40
 )  # of every view; the graph counts patches of surface, not pixels
 
 
