@@ -16,6 +16,7 @@ from objgraph.comparison.cases import CaseSource
 from objgraph.comparison.compare import ROWS, Comparison, compare
 from objgraph.comparison.config import ComparisonConfig
 from objgraph.comparison.document import document, markdown, program_version
+from objgraph.comparison.fused_rows import with_fused
 from objgraph.comparison.methods import METHODS
 from objgraph.comparison.plots import error_plot, reliability_plot, uncertainty_plot
 from objgraph.comparison.rows import ObjectRow, write_text
@@ -106,7 +107,8 @@ def _calibrated(
     comparison: Comparison, rows: list[ObjectRow], command: EvaluateCommand, console: Console, line: str
 ) -> dict[str, Any]:
     """What the covariances of the same rows are worth."""
-    entries = calibration(rows, comparison.methods, command.seed)
+    rows, methods = with_fused(rows, comparison.methods)
+    entries = calibration(rows, methods, command.seed)
     if not entries:
         raise EvaluationError(
             f"none of {', '.join(comparison.methods)} gives a covariance in {command.out / ROWS} that could be judged: "
@@ -116,7 +118,7 @@ def _calibrated(
     write_json(result, command.json)
     tables = calibration_tables(entries, _data(comparison))
     write_text(markdown(tables, line, command.seed), command.out / "calibration.md")
-    reliability_plot(rows, comparison.methods, _data(comparison), command.out / "reliability.png")
+    reliability_plot(rows, methods, _data(comparison), command.out / "reliability.png")
     for table in tables:
         console.print(table.rich())
     console.print(f"figures in {command.json}, tables, rows and plot in {command.out}", soft_wrap=True)

@@ -1,10 +1,13 @@
 """Calibration: figures of draws whose covariance is known, and what becomes of failures and wrong modes."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.stats import norm
 
 from objgraph.comparison.calibration import ALL, calibration, squared_errors
+from objgraph.comparison.fused_rows import FUSED, with_fused
 from objgraph.comparison.plots import reliability_plot
 from objgraph.comparison.rows import ObjectRow
 from objgraph.comparison.tables import calibration_tables
@@ -111,3 +114,38 @@ def test_entries_tables_and_plot_have_every_method_and_number_of_views(tmp_path)
     assert (tmp_path / "r.png").stat().st_size > 10_000
     assert not reliability_plot(rows, ["dsp-slam"], "made up", tmp_path / "none.png")
     assert not (tmp_path / "none.png").exists()
+
+
+def placed(row: ObjectRow, method: str, box_error: float, variance: float, yaw: float = 0.0) -> ObjectRow:
+    T = np.eye(4)
+    T[:3, :3] = [[np.cos(yaw), 0, np.sin(yaw)], [0, 1, 0], [-np.sin(yaw), 0, np.cos(yaw)]]
+    return replace(
+        row, method=method, T_world_object=T.tolist(), box_error=[box_error] * 9,
+        box_covariance=(variance * np.eye(9)).tolist(),
+    )  # fmt: skip
+
+
+def test_a_fused_box_lies_between_its_parts_and_is_no_surer_than_both():
+    (row,) = rows_of(count=1)
+    parts = [placed(row, "graph", 0.03, 1e-4), placed(row, "ours", -0.01, 3e-4)]
+    rows, methods = with_fused(parts, ["graph", "ours"])
+    assert (rows[:2], methods) == (parts, ["graph", "ours", FUSED])
+    assert rows[2].method == FUSED
+    np.testing.assert_allclose(
+        np.array(rows[2].box_covariance, float), 1.5e-4 * np.eye(9), rtol=1e-9, atol=1e-15
+    )
+    np.testing.assert_allclose(np.array(rows[2].box_error, float), (3 * 0.03 - 0.01) / 4)
+    assert [entry["method"] for entry in calibration(rows, methods)] == ["graph"] * 2 + ["ours"] * 2 + [
+        FUSED
+    ] * 2
+
+
+def test_of_two_modes_the_graphs_stands():
+    (row,) = rows_of(count=1)
+    graph = placed(row, "graph", 0.03, 1e-4)
+    (_, _, fused), _ = with_fused([graph, placed(row, "ours", -0.01, 3e-4, np.pi / 2)], ["graph", "ours"])
+    assert (fused.box_error, fused.box_covariance) == (graph.box_error, graph.box_covariance)
+    failed = ObjectRow("ours", "made up", row.case, "chair", row.shape, 3, "", [], failure="lost")
+    (_, _, fused), _ = with_fused([graph, failed], ["graph", "ours"])
+    assert fused.box_error == graph.box_error
+    assert with_fused([graph], ["graph"]) == ([graph], ["graph"])
