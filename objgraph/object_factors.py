@@ -76,13 +76,9 @@ def view_factors(
 def floor_factor(
     prior: ShapePrior, keys: ObjectKeys, up_world: Float[np.ndarray, "3"], floor: float, config: GraphConfig
 ) -> FloorFactor:
-    """Nothing of the object lies below the floor, whose height along `up_world` is `floor`.
-
-    Categories whose shapes fill a box of their own are of things that stand.
-    """
-    stands = None if prior.box is None or prior.is_fallback else prior.box[1] / 2
+    """Nothing of the object lies below the floor, whose height along `up_world` is `floor`, and what has feet stands."""
     return FloorFactor(
-        keys, prior.decoder, up_world, floor, stands=stands, renderer=RENDERERS[config.renderer],
+        keys, prior.decoder, up_world, floor, stands=prior.feet, renderer=RENDERERS[config.renderer],
         prior_sigma=prior.residual_sigma, weighting=_weighting(SHARE, config),
     )  # fmt: skip
 

@@ -87,6 +87,7 @@ def make_prior(config: TrainConfig, corpus: Corpus, trained: Trained) -> ShapePr
     procedural_errors = [fit_error(prior, shape) for shape in procedural[:5]]
     bands = _bands(errors or procedural_errors)
     card = {
+        "stands": config.stands,
         "data": {
             "collected": [_entry(entry) for entry in corpus.used],
             "licences": sorted({entry.licence for entry in corpus.used}),

@@ -47,6 +47,12 @@ class ShapePrior:
         """Whether it only stands in for a category of which no shapes were learnt."""
         return "fallback" in self.card
 
+    @property
+    def feet(self) -> float | None:
+        """Canonical distance from an object's centre down to its feet; None where shapes have no common box, or the
+        card says that such objects need not stand on the floor (`stands`)."""
+        return float(self.box[1]) / 2 if self.box is not None and self.card.get("stands", True) else None
+
     @cached_property
     def starts(self) -> Float[np.ndarray, "k l"]:
         """The mean code, then the prototypes."""

@@ -45,6 +45,8 @@ class TrainConfig:
     normalisation: Literal["box", "diagonal"] = "box"
     """The decoder's frame: every shape stretched to the category's typical box, so that the object's scales carry
     its extents alone, or the shape's own box of diagonal 1."""
+    stands: bool = True
+    """Whether such objects stand on the floor: those that hang or lie on others do not."""
     steps: int = 40_000
     """Optimiser steps; may be raised or lowered between resumed runs."""
     shapes_per_step: int = 96
@@ -82,7 +84,17 @@ class TrainConfig:
             key: value
             for key, value in asdict(self).items()
             if key
-            not in {"meshes", "out", "steps", "cooldown", "threads", "device", "bf16", "checkpoint_seconds"}
+            not in {
+                "meshes",
+                "out",
+                "stands",
+                "steps",
+                "cooldown",
+                "threads",
+                "device",
+                "bf16",
+                "checkpoint_seconds",
+            }
         }
         return hashlib.sha256(json.dumps(fixed, sort_keys=True, default=str).encode()).hexdigest()[:16]
 

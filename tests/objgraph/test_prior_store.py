@@ -4,6 +4,7 @@ import json
 from dataclasses import replace
 from pathlib import Path
 
+import gtsam
 import numpy as np
 import pytest
 import torch
@@ -13,7 +14,9 @@ from safetensors.torch import load_file, save_file
 
 from factors.decoder import Decoder, DecoderConfig
 from factors.errors import FactorError
+from factors.state import ObjectKeys, ObjectState
 from objgraph.errors import PriorError
+from objgraph.object_factors import GraphConfig, floor_factor
 from objgraph.prior.prior import ShapePrior
 from objgraph.prior.registry import ALIASES, WEIGHTS, available_priors, load_prior
 from objgraph.prior.size import USUAL, size_statistics
@@ -137,6 +140,22 @@ def test_shipped_priors() -> None:
             assert (prior.decoder(corners, code) > 0.05).all()
         attribution = (WEIGHTS / "ATTRIBUTION.txt").read_text()
         assert all(entry["file"] in attribution for entry in prior.card["data"]["collected"])
+
+
+def test_what_need_not_stand_has_no_feet() -> None:
+    chair = load_prior("chair")
+    assert chair.box is not None
+    assert chair.feet == pytest.approx(chair.box[1] / 2)
+    assert replace(chair, box=None).feet is None
+    lamp = replace(chair, card=chair.card | {"stands": False})
+    assert lamp.feet is None
+    keys, lifted = ObjectKeys.numbered(0), gtsam.Values()
+    place = gtsam.Pose3(gtsam.Rot3.Rx(np.pi / 2), np.array([0.0, 0.0, 2.0]))
+    ObjectState(place, np.zeros(3), chair.code_mean).insert(lifted, keys)
+    up, config = np.array([0.0, 0.0, 1.0]), GraphConfig()
+    costs = [floor_factor(prior, keys, up, 0.0, config).loss(lifted) for prior in (chair, lamp)]
+    assert costs[0] > 10
+    assert costs[1] == pytest.approx(0.0, abs=1e-6)
 
 
 def test_aliases_lead_to_shipped_priors() -> None:
