@@ -12,7 +12,7 @@ from objgraph.covariance.labelled import ObjectCovariance
 from objgraph.errors import SolveError
 from tests.toys import ToyDecoder, toy_mesh, toy_prior, toy_state
 
-NONE = BoxMisfit(0.0, 0.0)
+NONE = BoxMisfit(0.0, 0.0, 0.0)
 COVARIANCE = ObjectCovariance.diagonal(np.square(np.linspace(0.01, 0.05, 13)), "marginals", "chair 1")
 
 
@@ -60,9 +60,9 @@ def test_a_prior_whose_shapes_fill_a_box_has_that_one():
     np.testing.assert_allclose(found.extents, state.scale * [0.5, 0.7, 0.4])
     np.testing.assert_array_equal(found.T_world_box.matrix(), state.T_world_object.matrix())
     np.testing.assert_allclose(found.covariance.matrix, COVARIANCE.rigid)
-    more = box_pose(prior, state, COVARIANCE, misfit=BoxMisfit(0.03, 0.4)).covariance
+    more = box_pose(prior, state, COVARIANCE, misfit=BoxMisfit(0.03, 0.4, 0.1)).covariance
     np.testing.assert_allclose(
-        more.sigma**2 - found.covariance.sigma**2, [0] * 3 + [0.0009] * 3 + [0.16] * 3, atol=1e-12
+        more.sigma**2 - found.covariance.sigma**2, [0] * 3 + [0.0009] * 3 + [0.16, 0.01, 0.16], atol=1e-12
     )
     assert (more.source, more.subject) == ("marginals", "chair 1")
 
