@@ -27,12 +27,16 @@ class BoxMisfit:
     No covariance of pose, scale and code knows of it: it says how well these are known, not what they leave out.
     """
 
-    centre: float = 0.0058
+    centre: float = 0.005
     """Standard deviation of each coordinate of the centre, metres."""
-    log_level: float = 0.073
+    log_level: float = 0.06
     """Standard deviation of the logarithms of width and depth: legs splay, backs lean, arms reach out."""
-    log_height: float = 0.005
+    log_height: float = 0.007
     """Standard deviation of the height's logarithm: the floor is known, and tops are seen."""
+
+
+_MISFITS = {"chair": BoxMisfit(0.0058, 0.075, 0.005), "table": BoxMisfit(0.004, 0.033, 0.007)}
+"""The likeliest on development objects (docs/covariances.md); of both categories together for any other."""
 
 
 BOX_AXES = (
@@ -67,7 +71,7 @@ def box_pose(
     Every shape of a prior with a `box` fills that box, whatever the decoder may have drawn too short: scale times the
     box is then the better estimate of the extents, and the code says nothing of them. Of any other prior it is the
     box about `p_object`, the canonical vertices of the object's mesh, which are made where they are not given.
-    The default misfit is the likeliest on development objects (docs/covariances.md).
+    By default the misfit is that of the prior's category.
 
     Raises:
         SolveError: the code has no surface, or no surface faces one of the sides.
@@ -81,7 +85,7 @@ def box_pose(
         jacobian = box_jacobian(prior.decoder, state, p_object)
         low, high = state.scale * p_object.min(axis=0), state.scale * p_object.max(axis=0)
         centre, extents = state.T_world_object.transformFrom((low + high) / 2), high - low
-    misfit = misfit or BoxMisfit()
+    misfit = misfit or _MISFITS.get(prior.category, BoxMisfit())
     extents_sigma = [misfit.log_level, misfit.log_height, misfit.log_level]
     added = np.diag(np.square([0.0] * 3 + [misfit.centre] * 3 + extents_sigma))
     known = covariance.mapped(jacobian, BOX_AXES)
