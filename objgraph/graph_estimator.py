@@ -72,7 +72,7 @@ def _estimate(
         return SolveError(f"{task.name}: {problem.failure}")
     try:
         covariance = attempt.covariance(slope)
-    except SolveError as error:
+    except (ObjectGraphError, RuntimeError) as error:
         return SolveError(f"{task.name}: {error}")
     return Estimate(
         attempt.state,

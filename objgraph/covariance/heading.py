@@ -36,6 +36,7 @@ def with_other_headings(
 
 def heading_variance(costs: Float[np.ndarray, "n"]) -> float:
     """Mean square of the angle from the first heading, of n evenly spaced ones with these negative log-posteriors."""
+    costs = np.where(np.isfinite(costs), costs, np.inf)  # where the decoder fails, the object is not
     angle = 2 * np.pi * np.arange(len(costs)) / len(costs)
     angle = np.minimum(angle, 2 * np.pi - angle)
     weight = np.exp(costs.min() - costs)

@@ -47,6 +47,12 @@ def test_two_ends_alike_are_half_a_turn_apart():
     assert heading_variance(costs) == pytest.approx(np.pi**2 / 2)
 
 
+def test_headings_at_which_the_decoder_fails_count_for_nothing():
+    costs = np.zeros(HEADINGS)
+    costs[1:] = np.nan
+    assert heading_variance(costs) == 0.0
+
+
 def test_a_heading_that_is_known_is_not_asked_for_elsewhere():
     def fail():
         raise AssertionError("it was asked for")
