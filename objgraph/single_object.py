@@ -11,6 +11,7 @@ from factors.state import ObjectKeys, ObjectState
 from objgraph.covariance.heading import HEADINGS, with_other_headings
 from objgraph.covariance.labelled import ObjectCovariance
 from objgraph.covariance.marginals import marginals
+from objgraph.errors import ObjectGraphError
 from objgraph.object_factors import GraphConfig, floor_factor, state_priors, view_factors
 from objgraph.prior.prior import ShapePrior
 from objgraph.sampling import ObjectView
@@ -47,12 +48,18 @@ class SingleObject:
         return with_other_headings(self.marginals(), lambda: self.heading_costs(slope))
 
     def heading_costs(self, slope: float) -> Float[np.ndarray, "24"]:
-        """Costs of the object turned about its own up axis, the estimate's first, all else held."""
+        """Costs of the object turned about its own up axis, the estimate's first, all else held; NaN where it has none."""
         place, costs = self.problem.values.atPose3(_KEYS.pose), []
         for angle in 2 * np.pi * np.arange(HEADINGS) / HEADINGS:
             turned = gtsam.Values(self.problem.values)
             turned.update(_KEYS.pose, place.compose(gtsam.Pose3(gtsam.Rot3.Ry(angle), np.zeros(3))))
-            costs.append(replace(self.problem, values=turned).refreshed_cost(slope))
+            try:
+                costs.append(replace(self.problem, values=turned).refreshed_cost(slope))
+            except (
+                ObjectGraphError,
+                RuntimeError,
+            ):  # the decoder's failure there says nothing of the estimate
+                costs.append(np.nan)
         self.problem.refresh(slope)
         return np.array(costs)
 
