@@ -19,10 +19,10 @@ from factors.weighting import Weighting
 
 _BELOW = 3.0
 """Depth of the imagined camera under the floor, metres."""
-_SPACING = 0.08
+SPACING = 0.08
 """Metres between rays at the floor: dense enough that few legs go on unseen under it."""
-SHARE = (_SPACING / 0.2) ** 2
-"""Of an independent measurement that each ray is: a floor errs together over some 20 cm, as every surface does."""
+_PATCH = 0.2
+"""Metres: a floor errs together over so much, as every surface does."""
 _LITTLE = RaySampling(coarse=4, cells=4)
 """Rays from below pass the little of the object's box that is under the floor."""
 _TOUCH = 0.01
@@ -54,16 +54,18 @@ class FloorFactor(DepthFactor):
         floor: float,
         *,
         sigma: float = 0.01,
+        spacing: float = SPACING,
         stands: float | None = None,
         renderer: Renderer | None = None,
         prior_sigma: float = 0.0,
         weighting: Weighting | None = None,
     ) -> None:
-        """`floor` is its height along `up_world` and `sigma` how well that is known, both in metres.
+        """`floor` is its height along `up_world` and `sigma` how well that is known, both in metres; `spacing` is that of
+        the rays at the floor, metres.
 
         `stands`: canonical distance from the object's origin down to its feet; None where it need not stand.
 
-        Each ray is `SHARE` of a measurement, unless a `weighting` is given.
+        Each ray is the part of a measurement that `floor_share` says, unless a `weighting` is given.
 
         Raises:
             FactorError: `up_world` has no direction, or the floor no height.
@@ -75,11 +77,12 @@ class FloorFactor(DepthFactor):
         if not np.isfinite(floor):
             raise FactorError(f"the floor cannot be at height {floor}")
         self._up, self._floor, self._sigma = self._up / length, float(floor), sigma
+        self._spacing = spacing
         self._stands = stands
         super().__init__(
-            keys, decoder, gtsam.Pose3(), _rays_from_below(1.0, sigma),
+            keys, decoder, gtsam.Pose3(), _rays_from_below(1.0, sigma, spacing),
             renderer=renderer, prior_sigma=prior_sigma, sampling=_LITTLE,
-            weighting=weighting or Weighting("information", SHARE),
+            weighting=weighting or Weighting("information", floor_share(spacing)),
         )  # fmt: skip
 
     def T_world_camera(self, values: gtsam.Values) -> gtsam.Pose3:
@@ -92,7 +95,7 @@ class FloorFactor(DepthFactor):
 
     def refresh(self, values: gtsam.Values, annealing: Annealing = Annealing()) -> None:  # noqa: B008
         reach = float(np.sqrt(3) * BOX_HALF_SIZE * self.state(values).scale.max())
-        self._rays = _rays_from_below(reach, self._sigma)
+        self._rays = _rays_from_below(reach, self._sigma, self._spacing)
         super().refresh(values, annealing)
 
     def sdf_jacobian(self, query: SdfQuery, jet: SdfJet) -> Float[Tensor, "n d"]:
@@ -160,16 +163,21 @@ def _level_axis(axis: Float[np.ndarray, "3"], up: Float[np.ndarray, "3"]) -> Flo
     return level / np.linalg.norm(level)
 
 
-def _rays_from_below(reach: float, sigma: float) -> Rays:
+def floor_share(spacing: float) -> float:
+    """The part of an independent measurement that each of the floor's rays is, `spacing` metres from the next."""
+    return min(1.0, (spacing / _PATCH) ** 2)
+
+
+def _rays_from_below(reach: float, sigma: float, spacing: float) -> Rays:
     """Rays that look up from `_BELOW` under the floor and are free as far as it, `reach` metres about the middle.
 
     Their pattern is turned and off the middle: the legs of a symmetric shape are not hit or missed all at once.
     """
-    count = int(np.ceil(reach / _SPACING)) + 2
+    count = int(np.ceil(reach / spacing)) + 2
     steps = np.arange(-count, count + 1)
     i, j = (axis.ravel() for axis in np.meshgrid(steps + 0.31, steps + 0.17))
-    across = _SPACING * np.column_stack([0.88 * i - 0.475 * j, 0.475 * i + 0.88 * j])
-    across = across[np.linalg.norm(across, axis=1) <= reach + _SPACING]
+    across = spacing * np.column_stack([0.88 * i - 0.475 * j, 0.475 * i + 0.88 * j])
+    across = across[np.linalg.norm(across, axis=1) <= reach + spacing]
     depth = np.full(len(across), _BELOW)
     directions = np.column_stack([across / _BELOW, np.ones(len(across))])
     return Rays(directions, depth, np.zeros(len(across), dtype=bool), depth, np.full(len(across), sigma))

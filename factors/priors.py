@@ -43,3 +43,23 @@ def upright_prior(keys: ObjectKeys, up_world: Float[np.ndarray, "3"], sigma: flo
     return gtsam.AttitudeFactorPose3(
         keys.pose, gtsam.Unit3(np.asarray(up_world, float)), noise, gtsam.Unit3(np.array([0.0, 1.0, 0.0]))
     )
+
+
+def placed_prior(
+    keys: ObjectKeys,
+    T_world_object: gtsam.Pose3,
+    heading_sigma: float,
+    lean_sigma: float,
+    position_sigma: float,
+) -> gtsam.NonlinearFactor:
+    """The object is where a detector has it: radians about its own up axis and about the two others, metres."""
+    rotation = [lean_sigma, heading_sigma, lean_sigma]
+    noise = gtsam.noiseModel.Diagonal.Sigmas(np.array([*rotation, *[position_sigma] * 3]))
+    return gtsam.PriorFactorPose3(keys.pose, T_world_object, noise)
+
+
+def sized_prior(keys: ObjectKeys, log_scale: Float[np.ndarray, "3"], sigma: float) -> gtsam.NonlinearFactor:
+    """Each axis of the object is as long as a detector has it, to within `sigma` of its logarithm."""
+    return gtsam.PriorFactorVector(
+        keys.log_scale, np.asarray(log_scale, float), gtsam.noiseModel.Isotropic.Sigma(3, sigma)
+    )

@@ -10,6 +10,7 @@ from jaxtyping import Float
 from factors.state import ObjectState
 from objgraph.covariance.labelled import ObjectCovariance
 from objgraph.errors import SolveError
+from objgraph.object_factors import DetectedBox
 from objgraph.prior.prior import ShapePrior
 from objgraph.sampling import ObjectView
 
@@ -28,6 +29,8 @@ class EstimationTask:
     """Unit vector against gravity, in the world frame."""
     floor: float | None = None
     """Height of the floor along `up_world`, where it is known."""
+    box: DetectedBox | None = None
+    """What a detector says of place and size; the graph takes it for a measurement."""
 
 
 @dataclass(frozen=True)

@@ -31,7 +31,7 @@ class GraphEstimator:
     ) -> list[Estimate | SolveError]:
         attempts = [
             [
-                single_object(task.prior, start, task.views, task.up_world, task.floor, self.graph)
+                single_object(task.prior, start, task.views, task.up_world, task.floor, self.graph, task.box)
                 for start in task.starts
             ]
             for task in tasks

@@ -4,7 +4,7 @@ import logging
 import time
 from collections.abc import Callable, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cache, partial
 from pathlib import Path
 from typing import Literal
@@ -13,17 +13,15 @@ import numpy as np
 from jaxtyping import Float
 
 from objgraph.adam import AdamConfig, AdamEstimator
-from objgraph.covariance.labelled import ObjectCovariance
-from objgraph.covariance.surface import surface_sigma
 from objgraph.errors import InitialisationError, ObjectGraphError, ObservationError, SolveError
-from objgraph.estimation import Estimate, EstimationTask, Estimator
+from objgraph.estimation import EstimationTask, Estimator
 from objgraph.floor import estimate_floor
 from objgraph.graph_estimator import GraphEstimator
 from objgraph.initialise import InitialisationConfig, guesses, rank
 from objgraph.map import ObjectMap
+from objgraph.map_entry import Found, found, map_entry
 from objgraph.map_estimate import OtherEstimate
-from objgraph.mapped_object import MappedObject, PriorReference
-from objgraph.mesh import extract_mesh
+from objgraph.mapped_object import MappedObject
 from objgraph.object_factors import GraphConfig
 from objgraph.observation import FrameSource, Instance, Scan
 from objgraph.prior.prior import ShapePrior
@@ -61,13 +59,6 @@ class MappingConfig:
     and keeps the other beside it."""
     adam: AdamConfig = field(default_factory=AdamConfig)
     """Settings of the paper's."""
-
-
-@dataclass(frozen=True)
-class _Found(Estimate):
-    """An estimate that has a covariance."""
-
-    covariance: ObjectCovariance
 
 
 @dataclass
@@ -157,33 +148,15 @@ def map_object(
         estimate = _estimated(first, task)
         other = _beside(rest[0], task) if rest else None
     with clock.stage("mesh"):
-        state, covariance = estimate.state, estimate.covariance
-        mesh = extract_mesh(prior.decoder, state.code, resolution=config.mesh_resolution)
-        sigma = surface_sigma(prior.decoder, state, covariance, np.asarray(mesh.vertices))
-    return MappedObject(
-        instance.id,
-        instance.category,
-        "mapped",
-        T_world_object=state.T_world_object.matrix(),
-        scale=state.scale,
-        code=state.code,
-        covariance=covariance.rigid,
-        code_sigma=np.sqrt(np.diag(covariance.code)),
+        entry = map_entry(instance, prior, estimate, views, config.mesh_resolution)
+    return replace(
+        entry,
         estimator="adam" if config.estimator == "adam" else "graph",
         other=other,
-        cost_initial=estimate.cost_initial,
-        cost_final=estimate.cost_final,
         linearizations=estimate.linearizations + sum(p.linearizations for p in tried),
         error_evaluations=estimate.error_evaluations + sum(p.error_evaluations for p in tried),
         seconds=sum(clock.seconds.values()),
         seconds_by_stage=clock.seconds,
-        views=tuple(view.frame for view in views),
-        size_m=state.scale * mesh.extents,
-        prior=_reference(prior),
-        vertices=state.to_world(np.asarray(mesh.vertices)),
-        faces=np.asarray(mesh.faces),
-        vertex_sigma=sigma,
-        joint_covariance=covariance.matrix,
     )
 
 
@@ -193,13 +166,11 @@ def _estimators(config: MappingConfig) -> list[Estimator]:
     return {"graph": [graph], "adam": [adam], "both": [graph, adam]}[config.estimator]
 
 
-def _estimated(estimator: Estimator, task: EstimationTask) -> _Found:
+def _estimated(estimator: Estimator, task: EstimationTask) -> Found:
     (result,) = estimator.estimate([task])
     if isinstance(result, SolveError):
         raise result
-    if result.covariance is None:
-        raise SolveError(f"{task.name}: the estimator gives no covariance, which the map needs")
-    return _Found(**vars(result))
+    return found(result, task.name)
 
 
 def _beside(estimator: Estimator, task: EstimationTask) -> OtherEstimate | None:
@@ -218,11 +189,6 @@ def _beside(estimator: Estimator, task: EstimationTask) -> OtherEstimate | None:
         covariance.rigid,
         np.sqrt(np.diag(covariance.code)),
     )
-
-
-def _reference(prior: ShapePrior) -> PriorReference:
-    name = prior.card["fallback"] if prior.is_fallback else prior.category
-    return PriorReference(name, prior.card.get("sha256", "unknown"), prior.is_fallback)
 
 
 def observe_instance(

@@ -9,10 +9,10 @@ from jaxtyping import Float
 
 from factors.base import ObservationFactor
 from factors.depth import DepthFactor, RaySampling
-from factors.floor import SHARE, FloorFactor
+from factors.floor import SPACING, FloorFactor, floor_share
 from factors.full_distribution import FullDistribution
 from factors.gaussian_depth import Deterministic, Probabilistic, Sampled
-from factors.priors import code_prior, scale_prior, upright_prior
+from factors.priors import code_prior, placed_prior, scale_prior, sized_prior, upright_prior
 from factors.rays import Rays
 from factors.rendering import Renderer
 from factors.state import ObjectKeys
@@ -46,6 +46,42 @@ class GraphConfig:
     them, at shapes of no kind (a table without legs), and would hold codes there."""
     upright_sigma: float = 0.03
     """Radians by which an object that stands on the floor may lean, about each level axis."""
+    floor_sigma: float = 0.01
+    """Metres to which the floor's height is known."""
+    floor_spacing: float = SPACING
+    """Metres between the rays that find out what goes on under the floor."""
+
+
+@dataclass(frozen=True)
+class DetectedBox:
+    """A detector's box about an object, as a measurement of its place and size."""
+
+    T_world_object: gtsam.Pose3
+    """Its middle, and axes as the priors have them: y up, front at -z."""
+    size: Float[np.ndarray, "3"]
+    """Edges along the object's axes, metres."""
+    position_sigma: float
+    """Metres, along each axis."""
+    heading_sigma: float
+    """Radians."""
+    size_sigma: float
+    """Of the logarithm of each edge."""
+
+    def log_scale(self, prior: ShapePrior) -> Float[np.ndarray, "3"]:
+        """At which the shapes of a prior fill the box."""
+        return np.log(self.size / (prior.start_extents[0] if prior.box is None else prior.box))
+
+
+_DETECTORS_LEAN = 0.3
+"""Radians: a detector's boxes are level, which says next to nothing of how its object leans."""
+
+
+def detection_priors(prior: ShapePrior, keys: ObjectKeys, box: DetectedBox) -> list[gtsam.NonlinearFactor]:
+    """What a detector says of an object's place and size."""
+    return [
+        placed_prior(keys, box.T_world_object, box.heading_sigma, _DETECTORS_LEAN, box.position_sigma),
+        sized_prior(keys, box.log_scale(prior), box.size_sigma),
+    ]
 
 
 def state_priors(
@@ -78,8 +114,8 @@ def floor_factor(
 ) -> FloorFactor:
     """Nothing of the object lies below the floor, whose height along `up_world` is `floor`, and what has feet stands."""
     return FloorFactor(
-        keys, prior.decoder, up_world, floor, stands=prior.feet, renderer=RENDERERS[config.renderer],
-        prior_sigma=prior.residual_sigma, weighting=_weighting(SHARE, config),
+        keys, prior.decoder, up_world, floor, sigma=config.floor_sigma, spacing=config.floor_spacing, stands=prior.feet, renderer=RENDERERS[config.renderer],
+        prior_sigma=prior.residual_sigma, weighting=_weighting(floor_share(config.floor_spacing), config),
     )  # fmt: skip
 
 

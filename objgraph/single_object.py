@@ -12,7 +12,14 @@ from objgraph.covariance.heading import HEADINGS, with_other_headings
 from objgraph.covariance.labelled import ObjectCovariance
 from objgraph.covariance.marginals import marginals
 from objgraph.errors import ObjectGraphError
-from objgraph.object_factors import GraphConfig, floor_factor, state_priors, view_factors
+from objgraph.object_factors import (
+    DetectedBox,
+    GraphConfig,
+    detection_priors,
+    floor_factor,
+    state_priors,
+    view_factors,
+)
 from objgraph.prior.prior import ShapePrior
 from objgraph.sampling import ObjectView
 from objgraph.solve import Problem
@@ -71,8 +78,9 @@ def single_object(
     up_world: Float[np.ndarray, "3"] | None,
     floor: float | None,
     config: GraphConfig,
+    box: DetectedBox | None = None,
 ) -> SingleObject:
-    """One object at `state`, its views, and the floor where its height along `up_world` is known.
+    """One object at `state`, its views, the floor where its height along `up_world` is known, and a detector's box.
 
     Raises:
         FactorError: the state or a view cannot be used.
@@ -80,6 +88,8 @@ def single_object(
     graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
     state.insert(values, _KEYS)
     for factor in state_priors(prior, _KEYS, config, up_world):
+        graph.push_back(factor)
+    for factor in [] if box is None else detection_priors(prior, _KEYS, box):
         graph.push_back(factor)
     factors = [
         factor for view in views for factor in view_factors(prior, _KEYS, view, view.T_world_camera, config)

@@ -63,13 +63,13 @@ def compare(
     cases = comparison.source.cases(lambda done, total: tell("reading scans", done, total))
     _check_cases(cases)
     settings = _settings(comparison, cases)
-    with RowFile(comparison.out / ROWS) as file:
+    with RowFile(comparison.out / ROWS, ObjectRow) as file:
         _check_settings(file, settings, comparison.out)
-        jobs = _jobs(comparison, cases, settings, _done(file.rows, retry_failed))
+        jobs = _jobs(comparison, cases, settings, _done(file.rows, retry_failed), version)
         total = len(cases) * len(comparison.views) * len(comparison.methods)
         done = total - sum(job.count for job in jobs)
         tell("estimating", done, total)
-        for row in run(jobs, comparison.config, processes, version):
+        for row in run(jobs, processes):
             file.append(row)
             if row.failure is not None:
                 log.warning("%s of %s with %d views failed: %s", row.method, row.case, row.views, row.failure)
@@ -113,7 +113,9 @@ def _settings(comparison: Comparison, cases: Sequence[Case]) -> dict[tuple[str, 
     }
 
 
-def _check_settings(file: RowFile, settings: Mapping[tuple[str, str], Mapping[str, Any]], out: Path) -> None:
+def _check_settings(
+    file: RowFile[ObjectRow], settings: Mapping[tuple[str, str], Mapping[str, Any]], out: Path
+) -> None:
     """Refuse to mix, and note the settings beside the rows."""
     path = out / SETTINGS
     noted = _read_settings(path)
@@ -148,6 +150,7 @@ def _jobs(
     cases: Sequence[Case],
     settings: Mapping[tuple[str, str], Mapping[str, Any]],
     done: set[Key],
+    version: str,
 ) -> list[Job]:
     """What is left of each case."""
     digests = {key: digest(each) for key, each in settings.items()}
@@ -161,7 +164,8 @@ def _jobs(
             }
             for views in comparison.views
         }
-        jobs.append(Job(case, comparison.source.dataset, {v: names for v, names in todo.items() if names}))
+        todo = {views: names for views, names in todo.items() if names}
+        jobs.append(Job(case, comparison.source.dataset, todo, comparison.config, version))
     return [job for job in jobs if job.count]
 
 

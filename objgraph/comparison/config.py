@@ -62,8 +62,8 @@ def row_settings(source: CaseSource, config: ComparisonConfig, name: str, catego
     common = {k: v for k, v in asdict(config).items() if k != "priors"}
     return {
         "data": {"dataset": source.dataset, **source.settings()},
-        "common": _json(common),
-        "method": {"estimator": _json(chosen.estimator()), "sampling": _json(chosen.sampling)},
+        "common": settings_of(common),
+        "method": {"estimator": settings_of(chosen.estimator()), "sampling": settings_of(chosen.sampling)},
         "prior": prior_hash(category, config),
     }
 
@@ -90,18 +90,18 @@ def _flat(value: Any, name: str = "") -> dict[str, Any]:
     return {key: item for part in parts for key, item in part.items()}
 
 
-def _json(value: Any) -> Any:
+def settings_of(value: Any) -> Any:
     """Settings as JSON values; of an object that holds nothing its class."""
     if is_dataclass(value) and not isinstance(value, type):
-        items = {item.name: _json(getattr(value, item.name)) for item in fields(value)}
+        items = {item.name: settings_of(getattr(value, item.name)) for item in fields(value)}
         return {"class": type(value).__qualname__, **items}
     if isinstance(value, Mapping):
-        return {str(key): _json(item) for key, item in value.items()}
+        return {str(key): settings_of(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
-        return [_json(item) for item in value]
+        return [settings_of(item) for item in value]
     if value is None or isinstance(value, bool | int | float | str):
         return value
     if hasattr(value, "tolist"):
         return value.tolist()
-    held = _json(vars(value)) if hasattr(value, "__dict__") and not isinstance(value, type) else {}
+    held = settings_of(vars(value)) if hasattr(value, "__dict__") and not isinstance(value, type) else {}
     return {"class": getattr(value, "__qualname__", type(value).__qualname__), **held}

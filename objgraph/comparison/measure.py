@@ -3,7 +3,7 @@
 import logging
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from functools import cache
 
 import numpy as np
@@ -44,11 +44,22 @@ class Job:
     dataset: str
     todo: Mapping[int, Mapping[str, str]]
     """By number of views: methods, and the digest of the settings of each one's row."""
+    config: ComparisonConfig = field(default_factory=ComparisonConfig)
+    version: str = ""
+    """Of the program."""
+
+    @property
+    def name(self) -> str:
+        return self.case.id
 
     @property
     def count(self) -> int:
         """Rows that come of it."""
         return sum(map(len, self.todo.values()))
+
+    def rows(self) -> Iterator[ObjectRow]:
+        """See `measure`."""
+        return measure(self, self.config, self.version)
 
 
 @dataclass(frozen=True)

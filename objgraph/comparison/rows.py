@@ -8,10 +8,14 @@ import os
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Generic, Self, TypeVar
 
 from objgraph.errors import EvaluationError
 
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
+
+R = TypeVar("R", bound="DataclassInstance")
 Numbers = list[float] | None
 Matrix = list[list[float]] | None
 Key = tuple[str, str, int]
@@ -98,8 +102,8 @@ _LONG = frozenset(
 )
 
 
-class RowFile:
-    """Rows as lines of JSON, appended one by one; a line that a kill has torn is dropped.
+class RowFile(Generic[R]):
+    """Rows of one dataclass as lines of JSON, appended one by one; a line that a kill has torn is dropped.
 
     It is locked while it is open.
 
@@ -107,8 +111,8 @@ class RowFile:
         EvaluationError: the file cannot be written, another process has it, or a line within it is damaged.
     """
 
-    def __init__(self, path: Path) -> None:
-        self.path = path
+    def __init__(self, path: Path, kind: type[R]) -> None:
+        self.path, self.kind = path, kind
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
             self._file = path.open("a+b")
@@ -126,7 +130,7 @@ class RowFile:
             self.close()
             raise
 
-    def append(self, row: ObjectRow) -> None:
+    def append(self, row: R) -> None:
         """Write a row so that it outlives a kill of this process."""
         self._file.write(json.dumps(asdict(row), allow_nan=False).encode() + b"\n")
         self._file.flush()
@@ -141,7 +145,7 @@ class RowFile:
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    def _read(self) -> list[ObjectRow]:
+    def _read(self) -> list[R]:
         self._file.seek(0)
         data = self._file.read()
         whole = data.rfind(b"\n") + 1
@@ -149,9 +153,9 @@ class RowFile:
             self._file.truncate(whole)
         return [self._row(line, i) for i, line in enumerate(data[:whole].splitlines(), 1) if line.strip()]
 
-    def _row(self, line: bytes, number: int) -> ObjectRow:
+    def _row(self, line: bytes, number: int) -> R:
         try:
-            return ObjectRow(**json.loads(line))
+            return self.kind(**json.loads(line))
         except (ValueError, TypeError) as error:
             raise EvaluationError(
                 f"{self.path}, line {number}: damaged, or of another version ({error}); "

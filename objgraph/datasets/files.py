@@ -81,10 +81,12 @@ def read_matrix(path: Path, rows: int, columns: int) -> np.ndarray:
     return matrix.reshape(rows, columns)
 
 
-def decode_color(data: bytes, origin: object, shape: tuple[int, int]) -> UInt8[np.ndarray, "h w 3"]:
-    """RGB, resized to `shape` (height, width) where the colour camera has another resolution."""
+def decode_color(
+    data: bytes, origin: object, shape: tuple[int, int] | None = None
+) -> UInt8[np.ndarray, "h w 3"]:
+    """RGB, resized to `shape` (height, width) where that is given and the colour camera has another resolution."""
     color = _decode(data, origin, cv2.IMREAD_COLOR)
-    if color.shape[:2] != shape:
+    if shape is not None and color.shape[:2] != shape:
         color = cv2.resize(color, shape[::-1], interpolation=cv2.INTER_AREA)
     return cv2.cvtColor(color, cv2.COLOR_BGR2RGB).astype(np.uint8)
 

@@ -285,7 +285,7 @@ def test_a_stopped_command_says_that_it_can_go_on(command, monkeypatch, capsys):
     def stop(*_args, **_values):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("objgraph.comparison.runner.measure", stop)
+    monkeypatch.setattr("objgraph.comparison.measure.measure", stop)
     assert main(command) == 1
     printed = capsys.readouterr().out
     assert "the same command goes on from there" in printed

@@ -25,17 +25,17 @@ def test_rows_survive_a_kill_at_any_byte(tmp_path_factory, cut):
     path = tmp_path_factory.mktemp("cut") / "objects.jsonl"
     path.write_bytes(DATA[:cut])
     whole = DATA[:cut].count(b"\n")
-    with RowFile(path) as file:
+    with RowFile(path, ObjectRow) as file:
         assert file.rows == ROWS[:whole]
         for each in ROWS[whole:]:
             file.append(each)
     assert path.read_bytes() == DATA
-    with RowFile(path) as file:
+    with RowFile(path, ObjectRow) as file:
         assert file.rows == ROWS
 
 
 def test_a_row_is_in_the_file_before_it_is_closed(tmp_path):
-    with RowFile(tmp_path / "new" / "objects.jsonl") as file:
+    with RowFile(tmp_path / "new" / "objects.jsonl", ObjectRow) as file:
         file.append(ROWS[0])
         assert (tmp_path / "new" / "objects.jsonl").read_bytes().count(b"\n") == 1
 
@@ -45,23 +45,26 @@ def test_a_damaged_line_is_named(tmp_path, line):
     path = tmp_path / "objects.jsonl"
     path.write_bytes(DATA + line + DATA)
     with pytest.raises(EvaluationError, match=r"objects.jsonl, line 4: damaged"):
-        RowFile(path)
+        RowFile(path, ObjectRow)
     path.write_bytes(DATA)  # and the lock is given back
-    with RowFile(path) as file:
+    with RowFile(path, ObjectRow) as file:
         assert len(file.rows) == 3
 
 
 def test_two_runs_do_not_write_to_one_file(tmp_path):
-    with RowFile(tmp_path / "objects.jsonl"), pytest.raises(EvaluationError, match="another run is writing"):
-        RowFile(tmp_path / "objects.jsonl")
-    with RowFile(tmp_path / "objects.jsonl"):
+    with (
+        RowFile(tmp_path / "objects.jsonl", ObjectRow),
+        pytest.raises(EvaluationError, match="another run is writing"),
+    ):
+        RowFile(tmp_path / "objects.jsonl", ObjectRow)
+    with RowFile(tmp_path / "objects.jsonl", ObjectRow):
         pass
 
 
 def test_a_folder_that_is_none_is_a_typed_error(tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(EvaluationError, match="cannot be written"):
-        RowFile(tmp_path / "file" / "objects.jsonl")
+        RowFile(tmp_path / "file" / "objects.jsonl", ObjectRow)
 
 
 def test_csv_has_the_single_values(tmp_path):

@@ -10,7 +10,6 @@ import pytest
 from objgraph.comparison import compare as comparing
 from objgraph.comparison import config as comparison_config
 from objgraph.comparison import measure as comparing_measure
-from objgraph.comparison import runner
 from objgraph.comparison.compare import CSV, ROWS, Comparison, compare, starts_apart
 from objgraph.comparison.measure import Job, measure
 from objgraph.comparison.methods import METHODS, Method
@@ -48,7 +47,7 @@ def calls(monkeypatch) -> Counter:
                     chamfer_m=chamfer,
                 )
 
-    monkeypatch.setattr(runner, "measure", quick)
+    monkeypatch.setattr(comparing_measure, "measure", quick)
     return made
 
 
@@ -196,7 +195,7 @@ def test_a_kill_at_any_byte_costs_a_row_at_most(tmp_path, calls):
 
 def test_what_is_stopped_goes_on(tmp_path, calls, monkeypatch):
     comparison = toy_comparison(tmp_path)
-    quick = runner.measure
+    quick = comparing_measure.measure
 
     def stopped(job: Job, config, version=""):
         if job.case.id == "chair-1":
@@ -204,7 +203,7 @@ def test_what_is_stopped_goes_on(tmp_path, calls, monkeypatch):
         yield from quick(job, config, version)
 
     with monkeypatch.context() as patch:
-        patch.setattr(runner, "measure", stopped)
+        patch.setattr(comparing_measure, "measure", stopped)
         with pytest.raises(KeyboardInterrupt):
             compare(comparison)
     assert sum(calls.values()) == 4
@@ -291,7 +290,7 @@ def test_settings_that_are_functions_or_plain_objects_have_stable_digests():
         def __init__(self, value):
             self.value, self.call = value, max
 
-    one, same, other = (comparison_config._json(Plain(value)) for value in (1, 1, 2))
+    one, same, other = (comparison_config.settings_of(Plain(value)) for value in (1, 1, 2))
     assert one == same != other
     assert "0x" not in json.dumps(one)
 

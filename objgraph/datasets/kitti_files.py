@@ -1,0 +1,146 @@
+"""The text and binary files of KITTI's object benchmark (Geiger et al., CVPR 2012): boxes, calibration, scans."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+
+from objgraph.datasets.files import read_bytes
+from objgraph.errors import DatasetError
+
+DONT_CARE = "DontCare"
+_COLUMNS = 15
+_CAMERA_FROM_OBJECT = np.array([[0.0, 0.0, -1.0], [0.0, -1.0, 0.0], [-1.0, 0.0, 0.0]])
+"""Axes of an object that faces along the camera's x axis: its x (right), y (up) and z (back) in the camera's."""
+
+
+@dataclass(frozen=True)
+class KittiBox:
+    """One line of a label or a result file; lengths in metres, angles in radians, the rectified camera's frame."""
+
+    type: str
+    truncation: float
+    """Share of the object outside the picture; -1 in a detector's file."""
+    occlusion: int
+    """0 fully seen, 1 partly, 2 largely hidden, 3 unknown; -1 in a detector's file."""
+    image_box: Float[np.ndarray, "4"]
+    """Left, top, right, bottom, pixels."""
+    height: float
+    width: float
+    length: float
+    bottom: Float[np.ndarray, "3"]
+    """Middle of the box' lower side."""
+    yaw: float
+    """About the camera's downward y axis; 0 faces along its x axis."""
+    score: float | None
+
+    @property
+    def T_rect_object(self) -> Float[np.ndarray, "4 4"]:
+        """The box' middle and the priors' axes (x right of the driver, y up, z back) in the rectified camera's frame."""
+        c, s = np.cos(self.yaw), np.sin(self.yaw)
+        T = np.eye(4)
+        T[:3, :3] = np.array([[c, 0, s], [0, 1, 0], [-s, 0, c]]) @ _CAMERA_FROM_OBJECT
+        T[:3, 3] = self.bottom - [0, self.height / 2, 0]
+        return T
+
+    @property
+    def size(self) -> Float[np.ndarray, "3"]:
+        """Edges along the object's x, y and z."""
+        return np.array([self.width, self.height, self.length])
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """Where LiDAR and colour camera are, all in the rectified frame of camera 0."""
+
+    K: Float[np.ndarray, "3 3"]
+    """Of the colour camera, image_2."""
+    T_rect_camera: Float[np.ndarray, "4 4"]
+    """Pose of the colour camera: rectified, so it is only moved."""
+    T_rect_velodyne: Float[np.ndarray, "4 4"]
+    """The LiDAR's own axes: x ahead, y left, z up."""
+
+
+def read_boxes(path: Path) -> tuple[KittiBox, ...]:
+    """All lines but those of `DontCare`, which have no box; a file may be empty.
+
+    Raises:
+        DatasetError: the file is missing, or a line of it is damaged; the message names the line.
+    """
+    lines = read_bytes(path).decode("utf-8", errors="replace").splitlines()
+    boxes = [_box(line.split(), f"{path}, line {i}") for i, line in enumerate(lines, 1) if line.strip()]
+    return tuple(box for box in boxes if box.type != DONT_CARE)
+
+
+def read_calibration(path: Path) -> Calibration:
+    """Raises DatasetError where the file or one of P2, R0_rect and Tr_velo_to_cam is missing or damaged."""
+    given = {}
+    for line in read_bytes(path).decode("utf-8", errors="replace").splitlines():
+        name, _, numbers = line.partition(":")
+        given[name.strip()] = numbers.split()
+    P2 = _matrix(given, ("P2",), (3, 4), path)
+    R0 = _matrix(given, ("R0_rect", "R_rect"), (3, 3), path)
+    Tr = _matrix(given, ("Tr_velo_to_cam", "Tr_velo_cam"), (3, 4), path)
+    K = P2[:, :3]
+    if min(K[0, 0], K[1, 1]) <= 0 or not np.isclose(K[2, 2], 1.0):
+        raise DatasetError(f"{path}: P2 is no camera's matrix; download the file again")
+    T_rect_camera, T_rect_velodyne = np.eye(4), np.eye(4)
+    T_rect_camera[:3, 3] = -np.linalg.solve(K, P2[:, 3])
+    T_rect_velodyne[:3] = R0 @ Tr
+    R = T_rect_velodyne[:3, :3]
+    if np.abs(R @ R.T - np.eye(3)).max() > 1e-2 or np.linalg.det(R) < 0:
+        raise DatasetError(f"{path}: R0_rect and Tr_velo_to_cam are no rigid motion; download the file again")
+    u, _, vt = np.linalg.svd(R)
+    T_rect_velodyne[:3, :3] = u @ vt
+    return Calibration(K, T_rect_camera, T_rect_velodyne)
+
+
+def read_velodyne(path: Path) -> Float[np.ndarray, "n 3"]:
+    """Returns in the LiDAR's own axes, metres, those that are not finite left out.
+
+    Raises:
+        DatasetError: the file is missing, empty, or no whole number of returns.
+    """
+    data = read_bytes(path)
+    if not data:
+        raise DatasetError(f"{path}: the scan is empty; download it again, or leave the frame out")
+    if len(data) % 16:
+        raise DatasetError(
+            f"{path}: {len(data)} bytes are no whole number of returns of 16 bytes (x, y, z, reflectance as "
+            "float32); the file is truncated or of another format"
+        )
+    points = np.frombuffer(data, dtype="<f4").reshape(-1, 4)[:, :3].astype(float)
+    return points[np.isfinite(points).all(axis=1)]
+
+
+def _box(words: list[str], where: str) -> KittiBox:
+    if len(words) not in (_COLUMNS, _COLUMNS + 1):
+        raise DatasetError(
+            f"{where}: {len(words)} columns; KITTI's labels have {_COLUMNS} and a detector's results {_COLUMNS + 1}"
+        )
+    try:
+        numbers = np.array([float(word) for word in words[1:]])
+    except ValueError as error:
+        raise DatasetError(f"{where}: {error}; the columns after the type must be numbers") from error
+    truncation, occlusion, _, *rest = numbers
+    height, width, length = rest[4:7]
+    box = KittiBox(
+        words[0], truncation, int(occlusion), np.array(rest[:4]), height, width, length, np.array(rest[7:10]),
+        rest[10], rest[11] if len(rest) > 11 else None,
+    )  # fmt: skip
+    if box.type != DONT_CARE and not (np.isfinite(numbers).all() and (box.size > 0).all()):
+        raise DatasetError(f"{where}: a {box.type} with edges {box.size} m is no box; delete the line")
+    return box
+
+
+def _matrix(
+    given: dict[str, list[str]], names: tuple[str, ...], shape: tuple[int, int], path: Path
+) -> np.ndarray:
+    for name in names:
+        if name in given:
+            try:
+                return np.array([float(word) for word in given[name]]).reshape(shape)
+            except ValueError as error:
+                raise DatasetError(f"{path}: {name} is no {shape[0]}x{shape[1]} matrix ({error})") from error
+    raise DatasetError(f"{path}: has no {names[0]}; is it a calibration of the object benchmark?")

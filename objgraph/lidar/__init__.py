@@ -1,0 +1,1 @@
+"""Objects from a LiDAR's scan and a detector's boxes."""
