@@ -1,6 +1,8 @@
 """What the command line does with methods: `objgraph evaluate`."""
 
 import os
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -27,6 +29,9 @@ from objgraph.comparison.tables import all_tables, calibration_tables
 from objgraph.datasets.registry import datasets
 from objgraph.errors import EvaluationError
 from objgraph.evaluation.mesh_folder import write_json
+from objgraph.lidar.compare import ROWS as BOX_ROWS
+from objgraph.lidar.compare import LidarComparison
+from objgraph.lidar.evaluate import KITTI, run_box_comparison
 
 List = Annotated[tuple[str, ...], tyro.conf.arg(metavar="A,B,..")]
 
@@ -35,14 +40,15 @@ List = Annotated[tuple[str, ...], tyro.conf.arg(metavar="A,B,..")]
 class EvaluateCommand:
     """Compare methods on objects with ground truth. Lists are separated by commas or spaces."""
 
-    dataset: str
-    """`synthetic`, or a data set with ground truth: `scannet`."""
-    methods: List
-    """Methods, by name."""
-    out: Path
-    """Folder for rows, tables and plots; a run that was stopped goes on there."""
     json: Path
     """File for the figures."""
+    dataset: str = SYNTHETIC
+    """`synthetic`, or a data set with ground truth: `scannet`, `kitti`."""
+    methods: List = ("graph", "ours")
+    """Methods, by name."""
+    out: Path | None = None
+    """Folder for rows, tables and plots; a run that was stopped goes on there. By default beside the figures, named as
+    their file is."""
     views: List = ("1", "2", "3")
     """Numbers of views of each object."""
     categories: List = ("chair", "table")
@@ -60,7 +66,7 @@ class EvaluateCommand:
     root: Path | None = None
     """The folder of a data set of scans."""
     scenes: List = ()
-    """Its scans by name; by default all."""
+    """Its scans by name (of kitti its frames); by default all."""
     split: Path | None = None
     """A file that names them, one a line."""
     scan2cad: Path | None = None
@@ -75,6 +81,13 @@ class EvaluateCommand:
     """Report how far covariances hold in place of how far estimates are right."""
     retry_failed: bool = False
     """Run what failed before once more."""
+    least_points: int = 50
+    """Of kitti, cars with that many returns count."""
+
+    @property
+    def folder(self) -> Path:
+        """Of rows, tables and plots."""
+        return self.out or self.json.with_name(self.json.stem + "_rows")
 
 
 def run_evaluate(command: EvaluateCommand, console: Console, line: str) -> dict[str, Any]:
@@ -85,6 +98,8 @@ def run_evaluate(command: EvaluateCommand, console: Console, line: str) -> dict[
             stopped, and can go on.
         DatasetError: the data cannot be read, or nothing is left of them.
     """
+    if command.dataset == KITTI:
+        return _boxes(command, console, line)
     comparison = _comparison(command)
     _check_writable(command.json)
     rows = _compare(comparison, command, console)
@@ -95,11 +110,11 @@ def run_evaluate(command: EvaluateCommand, console: Console, line: str) -> dict[
     result = document(comparison, rows, entries, pairs, line)
     write_json(result, command.json)
     tables = all_tables(entries, pairs, comparison.methods, _data(comparison))
-    write_text(markdown(tables, line, command.seed), command.out / "tables.md")
-    _plots(comparison, rows, entries, command.out)
+    write_text(markdown(tables, line, command.seed), command.folder / "tables.md")
+    _plots(comparison, rows, entries, command.folder)
     for table in tables:
         console.print(table.rich())
-    console.print(f"figures in {command.json}, tables, rows and plots in {command.out}", soft_wrap=True)
+    console.print(f"figures in {command.json}, tables, rows and plots in {command.folder}", soft_wrap=True)
     return result
 
 
@@ -111,21 +126,41 @@ def _calibrated(
     entries = calibration(rows, methods, command.seed)
     if not entries:
         raise EvaluationError(
-            f"none of {', '.join(comparison.methods)} gives a covariance in {command.out / ROWS} that could be judged: "
+            f"none of {', '.join(comparison.methods)} gives a covariance in {command.folder / ROWS} that could be judged: "
             "add graph or ours, or give a fresh --out"
         )
     result = document(comparison, rows, entries, [], line) | {"measured": MEASURED}
     write_json(result, command.json)
     tables = calibration_tables(entries, _data(comparison))
-    write_text(markdown(tables, line, command.seed), command.out / "calibration.md")
-    reliability_plot(rows, methods, _data(comparison), command.out / "reliability.png")
+    write_text(markdown(tables, line, command.seed), command.folder / "calibration.md")
+    reliability_plot(rows, methods, _data(comparison), command.folder / "reliability.png")
     for table in tables:
         console.print(table.rich())
-    console.print(f"figures in {command.json}, tables, rows and plot in {command.out}", soft_wrap=True)
+    console.print(f"figures in {command.json}, tables, rows and plot in {command.folder}", soft_wrap=True)
     return result
 
 
-def _comparison(command: EvaluateCommand) -> Comparison:
+def _boxes(command: EvaluateCommand, console: Console, line: str) -> dict[str, Any]:
+    """Table III: boxes of single scans."""
+    if command.root is None:
+        raise EvaluationError(f"data set '{KITTI}': --root must name its folder")
+    if command.calibration:
+        raise EvaluationError(f"data set '{KITTI}': --calibration is for data sets with true shapes")
+    _check_writable(command.json)
+    comparison = LidarComparison(
+        command.root, _methods(command), command.folder, _scans(command), command.seed, command.priors
+    )
+    with _telling(console) as tell:
+        try:
+            result = run_box_comparison(
+                comparison, command.least_points, command.jobs, command.json, console, line, tell
+            )
+        except KeyboardInterrupt as error:
+            raise _stopped(command.folder / BOX_ROWS) from error
+    return result
+
+
+def _methods(command: EvaluateCommand) -> tuple[str, ...]:
     methods = _items(command.methods, "--methods")
     unknown = [name for name in methods if name not in METHODS]
     if unknown or not methods:
@@ -133,8 +168,20 @@ def _comparison(command: EvaluateCommand) -> Comparison:
         raise EvaluationError(f"{wrong}; available: {', '.join(METHODS)}")
     if command.jobs < 1:
         raise EvaluationError("--jobs must be at least 1")
+    return methods
+
+
+def _comparison(command: EvaluateCommand) -> Comparison:
+    methods = _methods(command)
     config = ComparisonConfig(seed=command.seed, priors=tuple(command.priors))
-    return Comparison(_source(command), methods, _views(command), command.out, config)
+    return Comparison(_source(command), methods, _views(command), command.folder, config)
+
+
+def _scans(command: EvaluateCommand) -> tuple[str, ...]:
+    named = _items(command.scenes, "--scenes")
+    if named and command.split is not None:
+        raise EvaluationError("--scenes and --split exclude each other: give one of them")
+    return named if command.split is None else read_split(command.split)
 
 
 def _source(command: EvaluateCommand) -> CaseSource:
@@ -144,17 +191,13 @@ def _source(command: EvaluateCommand) -> CaseSource:
     if command.dataset == SYNTHETIC:
         return _synthetic(command, categories)
     if command.dataset not in datasets():
-        known = ", ".join([SYNTHETIC, *datasets()])
+        known = ", ".join([SYNTHETIC, KITTI, *datasets()])
         raise EvaluationError(f"no data set '{command.dataset}'; available: {known}")
     if command.root is None:
         raise EvaluationError(f"data set '{command.dataset}': --root must name its folder")
-    named = _items(command.scenes, "--scenes")
-    if named and command.split is not None:
-        raise EvaluationError("--scenes and --split exclude each other: give one of them")
-    scans = named if command.split is None else read_split(command.split)
     options = {"scan2cad": command.scan2cad, "shapenet": command.shapenet}
     given = tuple((name, value) for name, value in options.items() if value is not None)
-    return ScanSource(command.dataset, command.root, categories, scans, given)
+    return ScanSource(command.dataset, command.root, categories, _scans(command), given)
 
 
 def _synthetic(command: EvaluateCommand, categories: tuple[str, ...]) -> SyntheticSource:
@@ -199,6 +242,20 @@ def _check_writable(path: Path) -> None:
 
 
 def _compare(comparison: Comparison, command: EvaluateCommand, console: Console) -> list[ObjectRow]:
+    with _telling(console) as tell:
+        try:
+            return compare(comparison, command.jobs, command.retry_failed, program_version(), tell)
+        except KeyboardInterrupt as error:
+            raise _stopped(command.folder / ROWS) from error
+
+
+def _stopped(rows: Path) -> EvaluationError:
+    return EvaluationError(f"stopped; what is done is in {rows}, and the same command goes on from there")
+
+
+@contextmanager
+def _telling(console: Console) -> Iterator[Callable[[str, int, int], None]]:
+    """A progress bar, as a function of what is being done, done, of how many."""
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
     bar = Progress(*columns, console=console, transient=True)
     task = bar.add_task("starting", total=None)
@@ -208,11 +265,7 @@ def _compare(comparison: Comparison, command: EvaluateCommand, console: Console)
         bar.update(task, description=what, completed=done, total=total)
 
     try:
-        return compare(comparison, command.jobs, command.retry_failed, program_version(), tell)
-    except KeyboardInterrupt as error:
-        raise EvaluationError(
-            f"stopped; what is done is in {command.out / ROWS}, and the same command goes on from there"
-        ) from error
+        yield tell
     finally:
         if bar.live.is_started:
             bar.stop()

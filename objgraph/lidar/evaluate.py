@@ -1,0 +1,51 @@
+"""What the command line does with methods on single LiDAR scans: `objgraph evaluate --dataset kitti`."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+
+from objgraph.comparison.document import markdown, program_version
+from objgraph.comparison.rows import write_text
+from objgraph.errors import EvaluationError
+from objgraph.evaluation.mesh_folder import write_json
+from objgraph.lidar.box_rows import counted, summarize
+from objgraph.lidar.compare import LidarComparison, compare_boxes
+from objgraph.lidar.report import document, iou_plot, tables
+
+KITTI = "kitti"
+"""The data set's name."""
+
+
+def run_box_comparison(
+    comparison: LidarComparison,
+    least_points: int,
+    jobs: int,
+    json: Path,
+    console: Console,
+    line: str,
+    tell: Callable[[str, int, int], None],
+) -> dict[str, Any]:
+    """Compare, then write and show what came out; `line` is the command as it was typed.
+
+    Raises:
+        EvaluationError: see `compare_boxes`; or no detected object is left to be counted.
+        DatasetError: the data cannot be read.
+    """
+    rows = counted(compare_boxes(comparison, jobs, program_version(), tell), least_points)
+    if not rows:
+        raise EvaluationError(
+            f"{comparison.root}: no detection is near enough to a label with {least_points} returns or more; choose "
+            "other frames or --least-points"
+        )
+    entries = summarize(rows, comparison.rows_of, comparison.seed)
+    result = document(comparison, rows, entries, least_points, line)
+    write_json(result, json)
+    grids = tables(entries, least_points)
+    write_text(markdown(grids, line, comparison.seed), comparison.out / "tables.md")
+    iou_plot(rows, comparison.rows_of, least_points, comparison.out / "iou.png")
+    for grid in grids:
+        console.print(grid.rich())
+    console.print(f"figures in {json}, tables, rows and plot in {comparison.out}", soft_wrap=True)
+    return result
