@@ -3,23 +3,17 @@
 import dataclasses
 import hashlib
 import json
-import logging
-import os
-import shutil
-import tempfile
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
-from objgraph.errors import DatasetError
 from objgraph.synthetic.camera import CameraConfig, camera_matrix, camera_path
 from objgraph.synthetic.files import write_frame, write_ground_truth, write_scan_description
 from objgraph.synthetic.render import Renderer
 from objgraph.synthetic.scene import RoomConfig, furnish, room_shell
 from objgraph.synthetic.sensor import SensorConfig, sense_depth, sense_masks
-
-log = logging.getLogger(__name__)
+from objgraph.synthetic.whole import ensure_whole, write_whole
 
 _RECORD = "sample.json"
 _VERSION = 1  # raised when the same configuration begins to give other files
@@ -50,19 +44,7 @@ def generate_sample(root: Path, config: SampleConfig = _DEFAULT) -> Path:
     `root` then holds `scannet/scans/NAME`, `scan2cad/full_annotations.json` and `shapenet/ShapeNetCore.v2`. It
     appears complete or not at all. Raises `DatasetError` when `root` is in use or the room too small.
     """
-    if root.exists() and (not root.is_dir() or any(root.iterdir())):
-        raise DatasetError(f"{root}: already there; remove it or name another folder for the sample")
-    root.parent.mkdir(parents=True, exist_ok=True)
-    building = Path(tempfile.mkdtemp(prefix=f".{root.name}-", dir=root.parent))
-    try:
-        _write_sample(building, config)
-        building.chmod(0o755)
-        os.replace(building, root)
-    except OSError as error:
-        raise DatasetError(f"{root}: the sample cannot be written there ({error})") from error
-    finally:
-        shutil.rmtree(building, ignore_errors=True)
-    return root
+    return write_whole(root, lambda folder: _write_sample(folder, config))
 
 
 def ensure_sample(cache: Path, config: SampleConfig = _DEFAULT) -> Path:
@@ -71,16 +53,7 @@ def ensure_sample(cache: Path, config: SampleConfig = _DEFAULT) -> Path:
     The folder's name holds a digest of the configuration, so that no other sample is taken for it.
     """
     root = cache / f"sample-{_digest(config)}"
-    if (root / _RECORD).is_file():
-        return root
-    log.info("generating the sample scene in %s", root)
-    try:
-        return generate_sample(root, config)
-    except DatasetError:
-        # another process may have been first
-        if (root / _RECORD).is_file():
-            return root
-        raise
+    return ensure_whole(root, _RECORD, lambda folder: _write_sample(folder, config))
 
 
 def _write_sample(root: Path, config: SampleConfig) -> None:
