@@ -5,12 +5,13 @@ from dataclasses import dataclass, replace
 import gtsam
 import numpy as np
 import torch
+from jaxtyping import Float
 from torch import Tensor
 
 from factors.base import Annealing, ObservationFactor, place_of
 from factors.errors import FactorError
 from factors.full_distribution import FullDistribution
-from factors.rays import RayCells, Rays, box_interval, choose_cells, coarse_depths
+from factors.rays import BOX_HALF_SIZE, RayCells, Rays, box_interval, choose_cells, coarse_depths
 from factors.reduce import Rows
 from factors.rendering import RaySamples, RayTargets, RenderedRows, Renderer
 from factors.sdf import MetricSdf, SdfQuery, query_points
@@ -69,14 +70,17 @@ class DepthFactor(ObservationFactor):
         prior_sigma: float = 0.0,
         weighting: Weighting | None = None,
         sampling: RaySampling | None = None,
+        half_box: float | Float[np.ndarray, "3"] = BOX_HALF_SIZE,
     ) -> None:
-        """`prior_sigma` is the decoder's standard deviation in canonical units."""
+        """`prior_sigma` is the decoder's standard deviation in canonical units; `half_box` are half the edges of the
+        canonical box that holds the shapes: rays are cut within it."""
         super().__init__(keys, decoder, camera)
         self._rays = rays
         self._renderer = renderer or FullDistribution()
         self._prior_sigma = prior_sigma
         self._weighting = weighting or Weighting()
         self._sampling = sampling or RaySampling()
+        self._half_box = half_box
         self._frozen: _Frozen | None = None
         self._frozen_at: bytes | None = None
 
@@ -88,7 +92,7 @@ class DepthFactor(ObservationFactor):
         state, camera = self.state(values), self.T_world_camera(values)
         if (place := place_of(state, camera, annealing)) == self._frozen_at:
             return
-        near, far = box_interval(state, camera, self._rays.directions_camera)
+        near, far = box_interval(state, camera, self._rays.directions_camera, self._half_box)
         meets = np.flatnonzero((far - near > 1e-3) & (self._rays.end > near))
         targets = RayTargets(
             *(torch.as_tensor(getattr(self._rays, name)[meets]) for name in ("depth", "hit", "end", "sigma"))

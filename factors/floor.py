@@ -59,6 +59,7 @@ class FloorFactor(DepthFactor):
         renderer: Renderer | None = None,
         prior_sigma: float = 0.0,
         weighting: Weighting | None = None,
+        half_box: float | Float[np.ndarray, "3"] = BOX_HALF_SIZE,
     ) -> None:
         """`floor` is its height along `up_world` and `sigma` how well that is known, both in metres; `spacing` is that of
         the rays at the floor, metres.
@@ -82,7 +83,7 @@ class FloorFactor(DepthFactor):
         super().__init__(
             keys, decoder, gtsam.Pose3(), _rays_from_below(1.0, sigma, spacing),
             renderer=renderer, prior_sigma=prior_sigma, sampling=_LITTLE,
-            weighting=weighting or Weighting("information", floor_share(spacing)),
+            weighting=weighting or Weighting("information", floor_share(spacing)), half_box=half_box,
         )  # fmt: skip
 
     def T_world_camera(self, values: gtsam.Values) -> gtsam.Pose3:
@@ -94,7 +95,7 @@ class FloorFactor(DepthFactor):
         return gtsam.Pose3(gtsam.Rot3(R_world_camera), pose.translation() + below * self._up)
 
     def refresh(self, values: gtsam.Values, annealing: Annealing = Annealing()) -> None:  # noqa: B008
-        reach = float(np.sqrt(3) * BOX_HALF_SIZE * self.state(values).scale.max())
+        reach = float(np.linalg.norm(np.broadcast_to(self._half_box, 3)) * self.state(values).scale.max())
         self._rays = _rays_from_below(reach, self._sigma, self._spacing)
         super().refresh(values, annealing)
 

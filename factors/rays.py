@@ -64,20 +64,26 @@ class RayCells:
 
 
 def box_interval(
-    state: ObjectState, T_world_camera: gtsam.Pose3, directions_camera: Float[np.ndarray, "r 3"]
+    state: ObjectState,
+    T_world_camera: gtsam.Pose3,
+    directions_camera: Float[np.ndarray, "r 3"],
+    half: float | Float[np.ndarray, "3"] = BOX_HALF_SIZE,
 ) -> tuple[Float[np.ndarray, "r"], Float[np.ndarray, "r"]]:
-    """z-depths at which rays enter and leave the object's canonical box; near >= far where they miss it."""
+    """z-depths at which rays enter and leave the object's canonical box of `half` its edges; near >= far where they miss it."""
     origin = state.to_object(np.asarray(T_world_camera.translation())[None])[0]
     R_object_camera = state.T_world_object.rotation().matrix().T @ T_world_camera.rotation().matrix()
-    return canonical_interval(origin, directions_camera @ R_object_camera.T / state.scale)
+    return canonical_interval(origin, directions_camera @ R_object_camera.T / state.scale, half)
 
 
 def canonical_interval(
-    origin: Float[np.ndarray, "*r 3"], direction: Float[np.ndarray, "r 3"]
+    origin: Float[np.ndarray, "*r 3"],
+    direction: Float[np.ndarray, "r 3"],
+    half: float | Float[np.ndarray, "3"] = BOX_HALF_SIZE,
 ) -> tuple[Float[np.ndarray, "r"], Float[np.ndarray, "r"]]:
     """Multiples of `direction`, in canonical coordinates, at which rays enter and leave the canonical box."""
     direction = np.where(np.abs(direction) < 1e-12, 1e-12, direction)
-    bounds = (np.array([[-BOX_HALF_SIZE], [BOX_HALF_SIZE]])[:, :, None] - origin) / direction
+    half = np.broadcast_to(half, 3)
+    bounds = (np.stack([-half, half])[:, None, :] - origin) / direction
     near = bounds.min(axis=0).max(axis=-1)
     far = bounds.max(axis=0).min(axis=-1)
     return np.maximum(near, 1e-3), far

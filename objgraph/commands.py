@@ -11,17 +11,23 @@ import tyro
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
+from objgraph.datasets.kitti import frames, load_frame
 from objgraph.datasets.registry import load_scan
 from objgraph.errors import DatasetError
 from objgraph.evaluation.maps import evaluated
+from objgraph.lidar.evaluate import KITTI
+from objgraph.lidar.mapping import LidarMappingConfig, map_lidar
+from objgraph.lidar.picture import street_picture
 from objgraph.map import ObjectMap
 from objgraph.mapping import MappingConfig, map_scan, scene_points
 from objgraph.observation import Scan
 from objgraph.picture import map_picture
 from objgraph.report import evaluation_table, map_table
+from objgraph.synthetic.street import ensure_street
 
 log = logging.getLogger(__name__)
 
+STREET = "street"
 SAMPLE_ROOT = Path("out/sample")
 """Where the sample scan is generated unless `--root` says otherwise."""
 
@@ -31,13 +37,13 @@ class MapCommand:
     """Map the objects of one scan."""
 
     dataset: str
-    """Data set: folder, sample, scannet, sevenscenes or tum."""
+    """Data set: folder, sample, scannet, sevenscenes or tum; or kitti or street (the project's own), scans of a LiDAR."""
     out: Path
     """Folder for the map, its meshes and its picture."""
     root: Path | None = None
     """The data set's folder; the sample needs none."""
     scene: str | None = None
-    """Name of the scan; may be left out where there is only one."""
+    """Name of the scan (of kitti the frame); may be left out where there is only one."""
     categories: tuple[str, ...] = ()
     """Map objects of these categories alone; by default all."""
     trajectory: Path | None = None
@@ -52,6 +58,8 @@ class MapCommand:
 
 def run_map(command: MapCommand, console: Console) -> ObjectMap:
     """Load, map, evaluate where there is ground truth, save, and show."""
+    if command.dataset in (KITTI, STREET):
+        return _map_lidar(command, console)
     scan = _limited(_load(command), command.categories)
     config = command.config
     with _progress(console) as progress:
@@ -69,6 +77,39 @@ def run_map(command: MapCommand, console: Console) -> ObjectMap:
         log.warning("the map is saved but not evaluated: %s", error)
     _write_config(command.out / "config.json", config)
     _show(object_map, scan, command.out, console)
+    return object_map
+
+
+def _map_lidar(command: MapCommand, console: Console) -> ObjectMap:
+    """One scan of a LiDAR; views, initialisation and the paper's estimator have no say there."""
+    root, config = command.root, command.config
+    if command.dataset == STREET:
+        root = ensure_street(SAMPLE_ROOT if root is None else root)
+    elif root is None:
+        raise DatasetError(f"data set '{command.dataset}': --root must name its folder")
+    if config.estimator != "graph":
+        raise DatasetError(
+            f"data set '{command.dataset}' is mapped by the graph alone; see objgraph evaluate for the others"
+        )
+    frame = load_frame(root, command.scene or (frames(root)[0] if command.dataset == STREET else None))
+    if command.categories:
+        kept = tuple(each for each in frame.detections if each.category in command.categories)
+        frame = replace(frame, detections=kept)
+    if not frame.detections:
+        raise DatasetError(f"frame {frame.name}: nothing is detected that could be mapped")
+    settings = LidarMappingConfig(config.seed, config.mesh_resolution, config.priors, solver=config.solver)
+    with _progress(console) as progress:
+        task = progress.add_task("starting", total=None)
+        object_map = map_lidar(
+            frame,
+            settings,
+            lambda what, done, total: progress.update(task, description=what, completed=done, total=total),
+        )
+    object_map.save(command.out)
+    _write_config(command.out / "config.json", settings)
+    console.print(map_table(object_map))
+    street_picture(object_map, frame, command.out / "map.png")
+    console.print(f"written to {command.out}")
     return object_map
 
 
@@ -117,5 +158,5 @@ def _show(object_map: ObjectMap, scan: Scan, out: Path, console: Console) -> Non
     console.print(f"written to {out}")
 
 
-def _write_config(path: Path, config: MappingConfig) -> None:
+def _write_config(path: Path, config: MappingConfig | LidarMappingConfig) -> None:
     path.write_text(json.dumps(asdict(config), indent=2) + "\n")

@@ -8,6 +8,7 @@ from jaxtyping import Float
 
 from objgraph.datasets.files import read_bytes
 from objgraph.errors import DatasetError
+from objgraph.evaluation.boxes import OrientedBox
 
 DONT_CARE = "DontCare"
 _COLUMNS = 15
@@ -43,6 +44,12 @@ class KittiBox:
         T[:3, :3] = np.array([[c, 0, s], [0, 1, 0], [-s, 0, c]]) @ _CAMERA_FROM_OBJECT
         T[:3, 3] = self.bottom - [0, self.height / 2, 0]
         return T
+
+    @property
+    def box(self) -> OrientedBox:
+        """In the rectified camera's frame."""
+        T = self.T_rect_object
+        return OrientedBox(T[:3, 3], T[:3, :3], self.size)
 
     @property
     def size(self) -> Float[np.ndarray, "3"]:

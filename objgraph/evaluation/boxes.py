@@ -30,6 +30,12 @@ class OrientedBox:
     def of_mesh(mesh: PlacedMesh) -> "OrientedBox":
         return OrientedBox(mesh.centre_world, mesh.T_world_object[:3, :3], mesh.extents)
 
+    @staticmethod
+    def about(p_world: Float[np.ndarray, "n 3"], rotation: Float[np.ndarray, "3 3"]) -> "OrientedBox":
+        """The smallest along the columns of `rotation` that holds all points."""
+        low, high = (p_world @ rotation).min(axis=0), (p_world @ rotation).max(axis=0)
+        return OrientedBox(rotation @ ((low + high) / 2), rotation, high - low)
+
     @property
     def volume(self) -> float:
         return float(np.prod(self.extents))

@@ -145,10 +145,7 @@ def estimator_of(name: str) -> Estimator:
     estimator = method(name).estimator()
     if not isinstance(estimator, GraphEstimator):
         return estimator
-    roads = {
-        key: getattr(ROADS, key) for key in ("upright_sigma", "floor_sigma", "floor_spacing")
-    }  # what GraphConfig has for floors
-    return replace(estimator, graph=replace(estimator.graph, **roads))
+    return replace(estimator, graph=replace(ROADS, renderer=estimator.graph.renderer))
 
 
 def measure(job: FrameJob) -> Iterator[BoxRow]:
@@ -169,8 +166,7 @@ def measure(job: FrameJob) -> Iterator[BoxRow]:
         }
         if name == DETECTIONS:
             for each in frame.detections:
-                box = OrientedBox(each.T_world_object[:3, 3], each.T_world_object[:3, :3], each.size)
-                yield _with_box(rows[each.id], box, matched.get(each.id))
+                yield _with_box(rows[each.id], each.box, matched.get(each.id))
         else:
             yield from _estimated(frame, rows, matched, comparison, name)
 

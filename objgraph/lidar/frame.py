@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Float, Int, UInt8
 
 from objgraph.errors import ObservationError
+from objgraph.evaluation.boxes import OrientedBox
 from objgraph.observation import Intrinsics
 
 
@@ -31,6 +32,10 @@ class Detection:
     @property
     def name(self) -> str:
         return f"{self.category} {self.id}"
+
+    @property
+    def box(self) -> OrientedBox:
+        return OrientedBox(self.T_world_object[:3, 3], self.T_world_object[:3, :3], self.size)
 
     def to_box(self, p_world: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
         """World points in the box's own frame, metres."""

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 import gtsam
 import numpy as np
 
+from factors.depth import RaySampling
 from factors.state import ObjectState
 from objgraph.estimation import EstimationTask
 from objgraph.lidar.frame import Detection, LidarFrame
@@ -34,9 +35,15 @@ class LidarTaskConfig:
     detector: DetectorNoise = field(default_factory=DetectorNoise)
 
 
-ROADS = GraphConfig(upright_sigma=0.05, floor_sigma=0.05, floor_spacing=0.3)
+ROADS = GraphConfig(
+    upright_sigma=0.05,
+    floor_sigma=0.05,
+    floor_spacing=0.3,
+    tight_box=True,
+    sampling=RaySampling(coarse=8, cells=8),
+)
 """Roads are known less well than floors: a few returns on each, neither they nor the wheels are even; and a car is larger
-than a chair."""
+than a chair and no cube."""
 
 
 def task_of(

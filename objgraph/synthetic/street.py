@@ -94,7 +94,7 @@ def _write(root: Path, config: StreetConfig) -> None:
         (training / "image_2" / f"{name}.png").write_bytes(png.tobytes())
         labels = [car.box for car in cars]
         (training / "label_2" / f"{name}.txt").write_text("".join(map(_line, labels)))
-        seen = [box for box in labels if _inside(box, returns) >= config.least_returns]
+        seen = [box for box in labels if np.count_nonzero(box.box.contains(returns)) >= config.least_returns]
         detected = [_detected(box, config, rng) for box in seen]
         (root / "detections" / f"{name}.txt").write_text("".join(map(_line, detected)))
     record = {"version": _VERSION, "config": dataclasses.asdict(config)}
@@ -191,12 +191,6 @@ def _detected(box: KittiBox, config: StreetConfig, rng: np.random.Generator) -> 
         yaw=box.yaw + np.radians(rng.normal(0.0, config.heading_sigma_deg)),
         score=float(rng.uniform(0.5, 0.95)),
     )
-
-
-def _inside(box: KittiBox, returns: Float[np.ndarray, "n 3"]) -> int:
-    T = box.T_rect_object
-    in_box = np.abs((returns - T[:3, 3]) @ T[:3, :3]) <= box.size / 2
-    return int(np.count_nonzero(in_box.all(axis=1)))
 
 
 def _image_box(p_rect: Float[np.ndarray, "v 3"]) -> Float[np.ndarray, "4"]:
