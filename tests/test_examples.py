@@ -46,8 +46,16 @@ def the_next_view_is_chosen(out: Path) -> None:
         assert (out / name).stat().st_size > 10_000
 
 
+def cars_are_mapped(out: Path) -> None:
+    metrics = json.loads((out / "metrics.json").read_text())
+    assert metrics["mapped"] == metrics["detected"] == 5
+    assert metrics["mean_iou"] > metrics["mean_iou_detections"] + 0.15
+    assert (out / "street.png").stat().st_size > 10_000
+
+
 EXAMPLES: dict[str, tuple[list[str], Callable[[Path], None]]] = {
     "scannet_graph": (["--views", "2"], maps_every_object),
+    "kitti_graph": ([], cars_are_mapped),
     "slam_with_objects": (["--frames", "12", "--objects", "1"], objects_hold_the_cameras),
     "active_vision": (["--objects", "1", "--most", "2"], the_next_view_is_chosen),
     "incremental": (["--frames", "7", "--laps", "0.7", "--objects", "1"], a_map_grows),
