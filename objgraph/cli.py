@@ -25,6 +25,7 @@ def main(arguments: list[str] | None = None) -> int:
     from objgraph.prior.listing import PriorsCommand, priors_command
     from objgraph.prior.train import TrainConfig
     from objgraph.prior_commands import EvaluatePriorCommand, run_evaluate_prior
+    from objgraph.segment.command import SegmentCommand, run_segment
 
     console = Console(width=None if sys.stdout.isatty() else int(os.environ.get("COLUMNS", "140")))
     logging.basicConfig(
@@ -56,6 +57,10 @@ def main(arguments: list[str] | None = None) -> int:
         """Say from where to look next at a saved map's objects, and what that is expected to tell."""
         run_next_view(command, console)
 
+    def segment(command: Annotated[SegmentCommand, tyro.conf.arg(name="")]) -> None:
+        """Segment the colour images of a data set that has no masks yet, with Mask2Former."""
+        run_segment(command, console)
+
     def convert_prior(config: Annotated[ConvertConfig, tyro.conf.arg(name="")]) -> None:
         """Make a prior of a DeepSDF experiment folder (specs.json and ModelParameters)."""
         console.print(f"written to {convert_command(config)}")
@@ -74,6 +79,7 @@ def main(arguments: list[str] | None = None) -> int:
                 "convert-prior": convert_prior,
                 "priors": priors,
                 "evaluate-prior": evaluate_prior,
+                "segment": segment,
             },
             prog="objgraph",
             description="Object-level mapping with learnt shape priors, as a factor graph.",

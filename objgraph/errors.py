@@ -35,6 +35,10 @@ class EvaluationError(ObjectGraphError, ValueError):
     """An estimate or a ground truth cannot be measured: its mesh is empty or flat, or its pose is no pose."""
 
 
+class SegmentationError(ObjectGraphError, ValueError):
+    """Images cannot be segmented: the library or the weights are missing, or the image is none."""
+
+
 class MapError(ObjectGraphError, ValueError):
     """A saved map cannot be read or written."""
 
@@ -50,5 +54,6 @@ __all__ = [
     "ObjectGraphError",
     "ObservationError",
     "PriorError",
+    "SegmentationError",
     "SolveError",
 ]

@@ -9,13 +9,22 @@ registered to the camera of the intrinsics, and nothing is distorted.
 
 import logging
 import re
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float
 
-from objgraph.datasets.files import pick_folder, read_matrix, scan_folders, usable_poses
-from objgraph.datasets.folder_files import FrameFiles, build_scan, camera_file, mask_paths, read_camera
+from objgraph.datasets.files import LazyFrames, pick_folder, read_matrix, scan_folders, usable_poses
+from objgraph.datasets.folder_files import (
+    Camera,
+    FrameFiles,
+    build_scan,
+    camera_file,
+    lazy_frames,
+    mask_paths,
+    read_camera,
+)
 from objgraph.errors import DatasetError
 from objgraph.observation import Scan
 from objgraph.trajectory import MAX_DIFFERENCE, associate, read_labelled_poses
@@ -51,18 +60,45 @@ def load(
     if stride < 1:
         raise DatasetError(f"stride {stride}: must be 1 or more")
     folder = pick_folder(root, "depth", scene)
-    camera = read_camera(camera_file(folder))
+    stems = _stems(folder)
+    masks = mask_paths(folder, {name: (name,) for name in stems})
+    files, camera = _files(folder, list(masks)[::stride], masks, trajectory, max_difference)
+    return build_scan(folder, files, camera, depth_scale, _MILLIMETRES)
+
+
+def frames_with_masks(folder: Path, masks: Path) -> LazyFrames:
+    """The frames whose masks lie in another folder, NAME.png each, before there is an `instances.json`.
+
+    Raises:
+        DatasetError: see `load`.
+    """
+    found = {name: masks / f"{name}.png" for name in _stems(folder) if (masks / f"{name}.png").is_file()}
+    files, camera = _files(folder, list(found), found, None, MAX_DIFFERENCE)
+    return lazy_frames(folder, files, camera, None, _MILLIMETRES)
+
+
+def _stems(folder: Path) -> list[str]:
+    """Names of the frames, in their order."""
     stems = [path.stem for path in (folder / "depth").glob("*.png")]
     if not stems:
         raise DatasetError(f"{folder / 'depth'}: holds no NAME.png; write depth as 16-bit images there")
-    masks = mask_paths(folder, {name: (name,) for name in sorted(stems, key=lambda name: (len(name), name))})
-    names = list(masks)[::stride]
+    return sorted(stems, key=lambda name: (len(name), name))
+
+
+def _files(
+    folder: Path,
+    names: list[str],
+    masks: Mapping[str, Path],
+    trajectory: Path | None,
+    max_difference: float,
+) -> tuple[dict[str, FrameFiles], Camera]:
+    camera = read_camera(camera_file(folder))
     poses = _poses(folder, names, trajectory, max_difference)
     files = {
-        name: FrameFiles(folder / "depth" / f"{name}.png", masks[name], _color(folder, name), pose)
+        name: FrameFiles(folder / "depth" / f"{name}.png", masks[name], color_path(folder, name), pose)
         for name, pose in poses.items()
     }
-    return build_scan(folder, files, camera, depth_scale, _MILLIMETRES)
+    return files, camera
 
 
 def _poses(
@@ -107,6 +143,6 @@ def _labels(names: list[str], labels: list[str], max_difference: float) -> dict[
     return same | {timed[i]: times[k] for i, k in pairs}
 
 
-def _color(folder: Path, name: str) -> Path | None:
+def color_path(folder: Path, name: str) -> Path | None:
     paths = (folder / "color" / f"{name}{suffix}" for suffix in (".jpg", ".png"))
     return next((path for path in paths if path.is_file()), None)

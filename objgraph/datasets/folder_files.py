@@ -146,23 +146,30 @@ def build_scan(
     depth_scale: float | None,
     usual_scale: float,
 ) -> Scan:
-    """The scan of these frames and of the folder's `instances.json`.
+    """The scan of these frames and of the folder's `instances.json`; depth as in `lazy_frames`."""
+    up_world, instances = read_instances(folder / "instances.json")
+    frames = lazy_frames(folder, files, camera, depth_scale, usual_scale)
+    return Scan(folder.resolve().name, frames, instances, up_world)
+
+
+def lazy_frames(
+    folder: Path,
+    files: Mapping[str, FrameFiles],
+    camera: Camera,
+    depth_scale: float | None,
+    usual_scale: float,
+) -> LazyFrames:
+    """Frames read on demand from their files.
 
     Depth is in `depth_scale` units a metre where it is given, else in the camera's file's, else in `usual_scale`.
     """
     if depth_scale is None:
         depth_scale = camera.depth_scale or usual_scale
-    up_world, instances = read_instances(folder / "instances.json")
-    frames = _lazy_frames(files, camera, units_a_metre(depth_scale, folder))
-    return Scan(folder.resolve().name, frames, instances, up_world)
-
-
-def _lazy_frames(files: Mapping[str, FrameFiles], camera: Camera, depth_scale: float) -> LazyFrames:
-    """Frames read on demand from their files."""
+    units = units_a_metre(depth_scale, folder)
 
     def read(name: str) -> Frame:
         paths = files[name]
-        depth = decode_depth(read_bytes(paths.depth), paths.depth, depth_scale)
+        depth = decode_depth(read_bytes(paths.depth), paths.depth, units)
         height, width = depth.shape
         color = paths.color
         return Frame(
