@@ -13,7 +13,7 @@ from factors.floor import SPACING, FloorFactor, floor_share
 from factors.full_distribution import FullDistribution
 from factors.gaussian_depth import Deterministic, Probabilistic, Sampled
 from factors.priors import code_prior, placed_prior, scale_prior, sized_prior, upright_prior
-from factors.rays import BOX_HALF_SIZE, Rays
+from factors.rays import Rays
 from factors.rendering import Renderer
 from factors.state import ObjectKeys
 from factors.surface import SurfaceFactor
@@ -74,8 +74,6 @@ class DetectedBox:
         return np.log(self.size / (prior.start_extents[0] if prior.box is None else prior.box))
 
 
-_LOOSE = 1.15
-"""Times that rays are cut in a box larger than the shapes': a decoder draws outside of it as well."""
 _DETECTORS_LEAN = 0.3
 """Radians: a detector's boxes are level, which says next to nothing of how its object leans."""
 
@@ -120,7 +118,7 @@ def floor_factor(
     return FloorFactor(
         keys, prior.decoder, up_world, floor, sigma=config.floor_sigma, spacing=config.floor_spacing, stands=prior.feet, renderer=RENDERERS[config.renderer],
         prior_sigma=prior.residual_sigma, weighting=_weighting(floor_share(config.floor_spacing), config),
-        half_box=_half_box(prior, config),
+        half_box=prior.half_box(config.tight_box),
     )  # fmt: skip
 
 
@@ -136,15 +134,8 @@ def ray_factor(
     return DepthFactor(
         keys, prior.decoder, camera, rays,
         renderer=RENDERERS[config.renderer], prior_sigma=prior.residual_sigma,
-        sampling=config.sampling, weighting=_weighting(share, config), half_box=_half_box(prior, config),
+        sampling=config.sampling, weighting=_weighting(share, config), half_box=prior.half_box(config.tight_box),
     )  # fmt: skip
-
-
-def _half_box(prior: ShapePrior, config: GraphConfig) -> float | Float[np.ndarray, "3"]:
-    """Half the edges of the canonical box that rays are cut in."""
-    if not config.tight_box or prior.box is None:
-        return BOX_HALF_SIZE
-    return _LOOSE * prior.box / 2
 
 
 def _weighting(share: float | Float[np.ndarray, "n"], config: GraphConfig) -> Weighting:

@@ -100,7 +100,7 @@ class _Descent:
         self.tasks, self.config, self.renderer = tasks, config, renderer
         self.decoder: SdfDecoder = tasks[0].prior.decoder
         self.states: list[ObjectState] = [task.starts[0] for task in tasks]
-        self.pools = [Pool.of(task.views) for task in tasks]
+        self.pools = [Pool.of(task.views, task.prior.half_box(config.steps.tight_box)) for task in tasks]
         self.rngs = [np.random.default_rng(config.seed) for _ in tasks]
         length = self.decoder.code_length
         variance = [config.pose_variance] * RIGID_DOF + [config.code_variance] * length

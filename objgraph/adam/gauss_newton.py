@@ -57,7 +57,8 @@ class GaussNewtonEstimator:
 
     def _one(self, task: EstimationTask) -> Estimate | SolveError:
         config = self.config
-        drawn = Pool.of(task.views).draw(np.random.default_rng(config.seed), config.points, config.rays)
+        pool = Pool.of(task.views, task.prior.half_box(config.steps.tight_box))
+        drawn = pool.draw(np.random.default_rng(config.seed), config.points, config.rays)
         state, costs = task.starts[0], []
         for i in range(config.iterations + 1):
             (rays,) = draw_rays(task.prior.decoder, [state], [drawn], config.steps)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float
 
-from factors.rays import canonical_interval
+from factors.rays import BOX_HALF_SIZE, canonical_interval
 from factors.state import ObjectState
 from objgraph.sampling import ObjectView
 
@@ -27,10 +27,12 @@ class WorldRays:
         """Some of the rays."""
         return WorldRays(*(array[indices] for array in vars(self).values()))
 
-    def interval(self, state: ObjectState) -> tuple[Float[np.ndarray, "r"], Float[np.ndarray, "r"]]:
+    def interval(
+        self, state: ObjectState, half_box: float | Float[np.ndarray, "3"] = BOX_HALF_SIZE
+    ) -> tuple[Float[np.ndarray, "r"], Float[np.ndarray, "r"]]:
         """z-depths at which the rays enter and leave the object's canonical box; near >= far where they miss it."""
         direction = self.direction_world @ state.T_world_object.rotation().matrix() / state.scale
-        return canonical_interval(state.to_object(self.origin_world), direction)
+        return canonical_interval(state.to_object(self.origin_world), direction, half_box)
 
     def at(self, depth: Float[np.ndarray, "r k"]) -> Float[np.ndarray, "r k 3"]:
         """World points at z-depths along the rays."""
@@ -43,9 +45,13 @@ class Pool:
 
     p_world: Float[np.ndarray, "n 3"]
     rays: WorldRays
+    half_box: float | Float[np.ndarray, "3"] = BOX_HALF_SIZE
+    """Half the edges of the canonical box that rays are cut in."""
 
     @classmethod
-    def of(cls, views: Sequence[ObjectView]) -> "Pool":
+    def of(
+        cls, views: Sequence[ObjectView], half_box: float | Float[np.ndarray, "3"] = BOX_HALF_SIZE
+    ) -> "Pool":
         """The pool of some views, each at its own camera."""
         parts = []
         for view in views:
@@ -54,10 +60,10 @@ class Pool:
             world = (origin, rays.directions_camera @ R.T, rays.depth, rays.hit, rays.end, rays.sigma)
             parts.append(world)
         joined = WorldRays(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True)))
-        return cls(np.concatenate([view.points_world for view in views]), joined)
+        return cls(np.concatenate([view.points_world for view in views]), joined, half_box)
 
     def draw(self, rng: np.random.Generator, points: int, rays: int) -> "Pool":
         """At most so many of either, without repetition."""
         some = rng.permutation(len(self.p_world))[:points]
         few = rng.permutation(len(self.rays.depth))[:rays]
-        return Pool(self.p_world[some], self.rays.take(few))
+        return Pool(self.p_world[some], self.rays.take(few), self.half_box)

@@ -29,6 +29,8 @@ class RaySteps:
     variances sigma_s is about 1 cm, and 5 sigma leave less than 1 % of the gradient out."""
     slope: float = 400.0
     """Of the occupancy's sigmoid, 1/metres (paper eq:sloped_sigmoid)."""
+    tight_box: bool = False
+    """Whether rays are cut within the box that the prior's shapes fill, and not within a cube that holds any shape."""
 
 
 @dataclass(frozen=True)
@@ -64,7 +66,7 @@ def draw_rays(
     device, dtype = decoder.like.device, decoder.like.dtype
     drawn = []
     for state, pool in zip(states, pools, strict=True):
-        near, far = pool.rays.interval(state)
+        near, far = pool.rays.interval(state, pool.half_box)
         meets = np.flatnonzero((far - near > 1e-3) & (pool.rays.end > near))
         rays, near, far = pool.rays.take(meets), near[meets], far[meets]
         width = (far - near) / steps.samples

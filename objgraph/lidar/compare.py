@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from objgraph.adam import AdamEstimator, GaussNewtonEstimator
 from objgraph.comparison.config import digest, find_prior, settings_of
 from objgraph.comparison.methods import METHODS, method
 from objgraph.comparison.rows import RowFile, plain
@@ -141,10 +142,13 @@ def row_settings(comparison: LidarComparison, name: str) -> dict[str, Any]:
 
 
 def estimator_of(name: str) -> Estimator:
-    """The method's estimator; a graph's with roads in place of floors."""
+    """The method's estimator, for cars: rays are cut in a car's box, and a graph's stands on roads."""
     estimator = method(name).estimator()
-    if not isinstance(estimator, GraphEstimator):
-        return estimator
+    if isinstance(estimator, AdamEstimator | GaussNewtonEstimator):
+        # the same box for all: a car's is a fifth of the cube
+        steps = replace(estimator.config.steps, tight_box=True)
+        return replace(estimator, config=replace(estimator.config, steps=steps))
+    assert isinstance(estimator, GraphEstimator)
     return replace(estimator, graph=replace(ROADS, renderer=estimator.graph.renderer))
 
 

@@ -8,9 +8,13 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
+from factors.rays import BOX_HALF_SIZE
 from factors.sdf_decoder import SdfDecoder
 from objgraph.errors import SolveError
 from objgraph.mesh import extract_mesh
+
+_LOOSE = 1.15
+"""Times that a tight box is larger than the shapes': a decoder draws outside of it as well."""
 
 
 @dataclass(frozen=True)
@@ -52,6 +56,11 @@ class ShapePrior:
         """Canonical distance from an object's centre down to its feet; None where shapes have no common box, or the
         card says that such objects need not stand on the floor (`stands`)."""
         return float(self.box[1]) / 2 if self.box is not None and self.card.get("stands", True) else None
+
+    def half_box(self, tight: bool) -> float | Float[np.ndarray, "3"]:
+        """Half the edges of the canonical box to look for an object's surface in: a cube that holds any shape or, where
+        `tight` and all shapes fill one box, that one and some more."""
+        return _LOOSE * self.box / 2 if tight and self.box is not None else BOX_HALF_SIZE
 
     @cached_property
     def starts(self) -> Float[np.ndarray, "k l"]:
