@@ -33,6 +33,7 @@ from objgraph.evaluation.boxes import OrientedBox, box_iou
 from objgraph.lidar.observe import observe_lidar
 from objgraph.lidar.picture import street_picture
 from objgraph.lidar.road import road_under
+from objgraph.lidar.street import ensure_street
 from objgraph.map import ObjectMap
 from objgraph.map_entry import found, map_entry
 from objgraph.mapped_object import MappedObject
@@ -40,7 +41,6 @@ from objgraph.observation import Instance
 from objgraph.prior.registry import prior_for
 from objgraph.report import map_table
 from objgraph.solve import Problem, solve
-from objgraph.synthetic.street import ensure_street
 
 
 @dataclass

@@ -1,4 +1,4 @@
-"""The one colour scale for surface standard deviations, used by the map's meshes and its pictures."""
+"""Colours: of methods and objects beside each other, and the one scale for standard deviations of surfaces."""
 
 from collections.abc import Iterable
 
@@ -7,6 +7,8 @@ import numpy as np
 from jaxtyping import Float, UInt8
 from matplotlib.colors import Colormap, ListedColormap
 
+COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000", "#8C564B")
+"""Okabe and Ito's, which the colour-blind can tell apart."""
 _COLORMAP = "viridis"
 """Perceptually uniform, and readable by the colour-blind."""
 _DARKEST = 0.22

@@ -11,19 +11,19 @@ import tyro
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
+from objgraph.box_comparison.evaluate import KITTI
 from objgraph.datasets.kitti import frames, load_frame
 from objgraph.datasets.registry import load_scan
 from objgraph.errors import DatasetError
 from objgraph.evaluation.maps import evaluated
-from objgraph.lidar.evaluate import KITTI
 from objgraph.lidar.mapping import LidarMappingConfig, map_lidar
 from objgraph.lidar.picture import street_picture
+from objgraph.lidar.street import ensure_street
 from objgraph.map import ObjectMap
 from objgraph.mapping import MappingConfig, map_scan, scene_points
 from objgraph.observation import Scan
 from objgraph.picture import map_picture
 from objgraph.report import evaluation_table, map_table
-from objgraph.synthetic.street import ensure_street
 
 log = logging.getLogger(__name__)
 

@@ -13,6 +13,9 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from objgraph.benchmark.cases import BenchmarkConfig
 from objgraph.benchmark.viewpoints import VIEWS
+from objgraph.box_comparison.compare import ROWS as BOX_ROWS
+from objgraph.box_comparison.compare import LidarComparison
+from objgraph.box_comparison.evaluate import KITTI, run_box_comparison
 from objgraph.comparison.calibration import MEASURED, calibration
 from objgraph.comparison.cases import CaseSource
 from objgraph.comparison.compare import ROWS, Comparison, compare
@@ -29,9 +32,6 @@ from objgraph.comparison.tables import all_tables, calibration_tables
 from objgraph.datasets.registry import datasets
 from objgraph.errors import EvaluationError
 from objgraph.evaluation.mesh_folder import write_json
-from objgraph.lidar.compare import ROWS as BOX_ROWS
-from objgraph.lidar.compare import LidarComparison
-from objgraph.lidar.evaluate import KITTI, run_box_comparison
 
 List = Annotated[tuple[str, ...], tyro.conf.arg(metavar="A,B,..")]
 

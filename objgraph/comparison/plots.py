@@ -11,14 +11,13 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullLocator
 from scipy.stats import chi2
 
+from objgraph.colors import COLORS
 from objgraph.comparison.calibration import DOF, squared_errors
 from objgraph.comparison.rows import ObjectRow
 from objgraph.figure import finish
 
 Entry = Mapping[str, Any]
 
-COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000", "#8C564B")
-"""Okabe and Ito's, which the colour-blind can tell apart."""
 _MARKERS = "os^Dv<>P"
 _ERRORS = (
     ("median_chamfer_m", 100.0, "Chamfer distance (cm)"),

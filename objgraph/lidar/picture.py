@@ -12,7 +12,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Polygon
 from scipy.spatial import ConvexHull
 
-from objgraph.comparison.plots import COLORS
+from objgraph.colors import COLORS
 from objgraph.errors import MapError
 from objgraph.evaluation.boxes import OrientedBox
 from objgraph.figure import finish

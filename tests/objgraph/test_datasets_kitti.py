@@ -11,7 +11,7 @@ from objgraph.cli import main
 from objgraph.datasets.kitti import frames, load_frame, load_labels
 from objgraph.datasets.kitti_files import read_boxes, read_calibration, read_velodyne
 from objgraph.errors import DatasetError
-from objgraph.synthetic.street import ensure_street
+from objgraph.lidar.street import ensure_street
 
 
 @pytest.fixture(scope="session")

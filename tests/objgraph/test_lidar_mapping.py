@@ -12,10 +12,10 @@ from objgraph.evaluation.boxes import OrientedBox, box_iou
 from objgraph.graph_estimator import GraphEstimator
 from objgraph.lidar.mapping import LidarMappingConfig, map_lidar
 from objgraph.lidar.observe import LidarSamplingConfig
+from objgraph.lidar.street import StreetConfig, ensure_street
 from objgraph.lidar.task import ROADS, LidarTaskConfig, task_of
 from objgraph.map import ObjectMap
 from objgraph.prior.registry import prior_for
-from objgraph.synthetic.street import StreetConfig, ensure_street
 
 
 @pytest.fixture(scope="module")

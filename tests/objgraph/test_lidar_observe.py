@@ -12,8 +12,8 @@ from objgraph.errors import ObservationError
 from objgraph.lidar.frame import Detection, LidarFrame, Picture
 from objgraph.lidar.observe import LidarSamplingConfig, observe_lidar
 from objgraph.lidar.road import Road, road_under
+from objgraph.lidar.street import ensure_street
 from objgraph.observation import Intrinsics
-from objgraph.synthetic.street import ensure_street
 
 UP = np.array([0.0, -1.0, 0.0])
 

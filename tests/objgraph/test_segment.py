@@ -14,10 +14,10 @@ from objgraph.cli import main
 from objgraph.datasets.kitti import load_frame
 from objgraph.datasets.registry import load_scan
 from objgraph.errors import SegmentationError
+from objgraph.lidar.street import StreetConfig, ensure_street
 from objgraph.observation import Frame, FrameSource, Intrinsics
 from objgraph.segment import Segment, SegmentConfig, Segmenter, detection_masks, instance_masks
 from objgraph.segment.link import LinkConfig, link
-from objgraph.synthetic.street import StreetConfig, ensure_street
 
 transformers = pytest.importorskip("transformers", reason="install it with: pip install 'objgraph[segment]'")
 

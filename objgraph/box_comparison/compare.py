@@ -10,6 +10,8 @@ from typing import Any
 import numpy as np
 
 from objgraph.adam import AdamEstimator, GaussNewtonEstimator
+from objgraph.box_comparison.matching import LabelledBox, MatchConfig, heading_between_deg, matches
+from objgraph.box_comparison.rows import DETECTIONS, BoxRow
 from objgraph.comparison.config import digest, find_prior, settings_of
 from objgraph.comparison.methods import METHODS, method
 from objgraph.comparison.rows import RowFile, plain
@@ -21,9 +23,7 @@ from objgraph.estimation import Estimate, EstimationTask, Estimator
 from objgraph.evaluation.boxes import OrientedBox, box_iou
 from objgraph.evaluation.placed import PlacedMesh
 from objgraph.graph_estimator import GraphEstimator
-from objgraph.lidar.box_rows import DETECTIONS, BoxRow
 from objgraph.lidar.frame import LidarFrame
-from objgraph.lidar.matching import LabelledBox, MatchConfig, heading_between_deg, matches
 from objgraph.lidar.observe import LidarSamplingConfig
 from objgraph.lidar.task import ROADS, LidarTaskConfig, task_of
 from objgraph.mesh import extract_mesh

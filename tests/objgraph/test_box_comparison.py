@@ -6,6 +6,9 @@ import shutil
 import numpy as np
 import pytest
 
+from objgraph.box_comparison import compare
+from objgraph.box_comparison.compare import LidarComparison, compare_boxes, estimator_of
+from objgraph.box_comparison.rows import DETECTIONS, BoxRow, counted, summarize
 from objgraph.cli import main
 from objgraph.comparison import published
 from objgraph.datasets.kitti import load_frame, load_labels
@@ -13,11 +16,8 @@ from objgraph.errors import EvaluationError, SolveError
 from objgraph.estimation import Estimate
 from objgraph.evaluation.boxes import box_iou
 from objgraph.graph_estimator import GraphEstimator
-from objgraph.lidar import compare
-from objgraph.lidar.box_rows import DETECTIONS, BoxRow, counted, summarize
-from objgraph.lidar.compare import LidarComparison, compare_boxes, estimator_of
+from objgraph.lidar.street import StreetConfig, ensure_street
 from objgraph.lidar.task import ROADS
-from objgraph.synthetic.street import StreetConfig, ensure_street
 
 
 @pytest.fixture(scope="module")

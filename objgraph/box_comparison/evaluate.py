@@ -6,13 +6,13 @@ from typing import Any
 
 from rich.console import Console
 
+from objgraph.box_comparison.compare import LidarComparison, compare_boxes
+from objgraph.box_comparison.report import document, iou_plot, tables
+from objgraph.box_comparison.rows import counted, summarize
 from objgraph.comparison.document import markdown, program_version
 from objgraph.comparison.rows import write_text
 from objgraph.errors import EvaluationError
 from objgraph.evaluation.mesh_folder import write_json
-from objgraph.lidar.box_rows import counted, summarize
-from objgraph.lidar.compare import LidarComparison, compare_boxes
-from objgraph.lidar.report import document, iou_plot, tables
 
 KITTI = "kitti"
 """The data set's name."""

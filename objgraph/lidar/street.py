@@ -17,7 +17,7 @@ import trimesh
 from jaxtyping import Float
 from matplotlib.colors import hsv_to_rgb
 
-from objgraph.datasets.kitti_files import KittiBox
+from objgraph.lidar.kitti_box import KittiBox
 from objgraph.prior.families import FAMILIES
 from objgraph.synthetic.whole import ensure_whole
 

@@ -7,14 +7,14 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
+from objgraph.box_comparison.compare import LidarComparison, row_settings
+from objgraph.box_comparison.rows import DETECTIONS, IOUS, BoxRow
+from objgraph.colors import COLORS
 from objgraph.comparison import published
 from objgraph.comparison.bootstrap import LEVEL, RESAMPLES
 from objgraph.comparison.document import program_version
 from objgraph.comparison.grid import Cell, Grid, ranked
-from objgraph.comparison.plots import COLORS
 from objgraph.figure import finish
-from objgraph.lidar.box_rows import DETECTIONS, IOUS, BoxRow
-from objgraph.lidar.compare import LidarComparison, row_settings
 
 Entry = Mapping[str, Any]
 

@@ -4,9 +4,9 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from objgraph.datasets.kitti_files import KittiBox
+from objgraph.box_comparison.matching import LabelledBox, heading_between_deg, matches
 from objgraph.lidar.frame import Detection
-from objgraph.lidar.matching import LabelledBox, heading_between_deg, matches
+from objgraph.lidar.kitti_box import KittiBox
 
 
 def box(x: float, z: float = 10.0, yaw: float = 0.0) -> KittiBox:
