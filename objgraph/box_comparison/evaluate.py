@@ -8,7 +8,7 @@ from rich.console import Console
 
 from objgraph.box_comparison.compare import LidarComparison, compare_boxes
 from objgraph.box_comparison.report import document, iou_plot, tables
-from objgraph.box_comparison.rows import counted, summarize
+from objgraph.box_comparison.rows import counted, paired, summarize
 from objgraph.comparison.document import markdown, program_version
 from objgraph.comparison.rows import write_text
 from objgraph.errors import EvaluationError
@@ -40,9 +40,10 @@ def run_box_comparison(
             "other frames or --least-points"
         )
     entries = summarize(rows, comparison.rows_of, comparison.seed)
-    result = document(comparison, rows, entries, least_points, line)
+    pairs = paired(rows, comparison.rows_of, comparison.seed)
+    result = document(comparison, rows, entries, pairs, least_points, line)
     write_json(result, json)
-    grids = tables(entries, least_points)
+    grids = tables(entries, pairs, least_points)
     write_text(markdown(grids, line, comparison.seed), comparison.out / "tables.md")
     iou_plot(rows, comparison.rows_of, least_points, comparison.out / "iou.png")
     for grid in grids:

@@ -24,12 +24,17 @@ MEASURED = (
     "iou: of oriented boxes, the estimate's about its mesh; mean_iou, iou60, iou75: mean and shares above 0.6 and 0.75 of "
     "the n objects, a failure counts as 0; *_interval: percentile bootstrap over objects; seconds: median of an "
     "object's share of its frame, from points and box to the estimate; by_points: returns in the labelled box; "
-    "detections: the detected boxes themselves; lengths in metres"
+    "detections: the detected boxes themselves; paired: mean of a's IoU less b's on the same objects; lengths in metres"
 )
 
 
 def document(
-    comparison: LidarComparison, rows: Sequence[BoxRow], entries: Sequence[Entry], least: int, command: str
+    comparison: LidarComparison,
+    rows: Sequence[BoxRow],
+    entries: Sequence[Entry],
+    pairs: Sequence[Entry],
+    least: int,
+    command: str,
 ) -> dict[str, Any]:
     """Figures and all that made them."""
     found = [row for row in rows if row.method == DETECTIONS]
@@ -48,11 +53,12 @@ def document(
         "bootstrap": {"over": "objects", "level": LEVEL, "resamples": RESAMPLES},
         "measured": MEASURED,
         "rows": list(entries),
+        "paired": list(pairs),
     }
 
 
-def tables(entries: Sequence[Entry], least: int) -> list[Grid]:
-    """Table III beside the published rows, then the same by returns and by distance."""
+def tables(entries: Sequence[Entry], pairs: Sequence[Entry], least: int) -> list[Grid]:
+    """Table III beside the published rows, differences on the same objects, then the first by returns and by distance."""
     ours = [[Cell(_label(e["method"])), *_cells(e), _seconds(e)] for e in entries]
     theirs = [
         [Cell(f"{published.LABELS[name]} ({published.KITTI_WHERE})", faint=True)]
@@ -69,8 +75,12 @@ def tables(entries: Sequence[Entry], least: int) -> list[Grid]:
     header = ("Methods", *_NAMES, "time (s)")
     sections = tuple(tuple(map(tuple, ranked(rows))) for rows in (ours, theirs))
     whole = Grid("Table III: boxes of single scans", header, sections, caption)
+    differences = tuple(
+        (Cell(f"{e['a']} - {e['b']}"), Cell(str(e["n"])), Cell(_ranged(e, "mean_iou"))) for e in pairs
+    )
     return [
         whole,
+        Grid("Mean difference of IoU on the same objects", ("Methods", "n", "IoU"), (differences,)),
         _parts(entries, "by_points", "returns in the labelled box"),
         _parts(entries, "by_distance_m", "distance (m)"),
     ]
@@ -124,12 +134,12 @@ def _label(method: str) -> str:
 
 
 def _cells(entry: Entry) -> list[Cell]:
-    cells = []
-    for name in _FIGURES:
-        value, interval = entry[name], entry[f"{name}_interval"]
-        ends = "" if interval is None else f" [{interval[0]:.2f}, {interval[1]:.2f}]"
-        cells.append(Cell(f"{value:.3f}{ends}", value))
-    return cells
+    return [Cell(_ranged(entry, name), entry[name]) for name in _FIGURES]
+
+
+def _ranged(entry: Entry, name: str) -> str:
+    interval = entry[f"{name}_interval"]
+    return f"{entry[name]:.3f}" + ("" if interval is None else f" [{interval[0]:.2f}, {interval[1]:.2f}]")
 
 
 def _seconds(entry: Entry) -> Cell:

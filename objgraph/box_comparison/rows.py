@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import combinations, pairwise
 from typing import Any
 
 import numpy as np
@@ -79,6 +79,21 @@ def summarize(rows: Sequence[BoxRow], methods: Sequence[str], seed: int = 0) -> 
             }
         )
     return entries
+
+
+def paired(rows: Sequence[BoxRow], methods: Sequence[str], seed: int = 0) -> list[dict[str, Any]]:
+    """For two methods a and b, the mean of a's IoU less b's on the same objects: above zero where a is better."""
+    found = []
+    for a, b in combinations(methods, 2):
+        first, second = ({(r.frame, r.detection): r for r in rows if r.method == name} for name in (a, b))
+        common = [key for key in first if key in second]
+        if common:
+            draws = Resamples([f"{key[0]}/{first[key].label}" for key in common], seed)
+            difference = np.array([(first[key].iou or 0.0) - (second[key].iou or 0.0) for key in common])
+            mean, interval = draws.mean(difference)
+            ends = None if interval is None else list(interval)
+            found.append({"a": a, "b": b, "n": len(common), "mean_iou": mean, "mean_iou_interval": ends})
+    return found
 
 
 def _by(

@@ -8,7 +8,7 @@ import pytest
 
 from objgraph.box_comparison import compare
 from objgraph.box_comparison.compare import LidarComparison, compare_boxes, estimator_of
-from objgraph.box_comparison.rows import DETECTIONS, BoxRow, counted, summarize
+from objgraph.box_comparison.rows import DETECTIONS, BoxRow, counted, paired, summarize
 from objgraph.cli import main
 from objgraph.comparison import published
 from objgraph.datasets.kitti import load_frame, load_labels
@@ -44,6 +44,16 @@ def test_figures_of_rows():
     assert low < entry["mean_iou"] < high
     assert [(part["from"], part["n"]) for part in entry["by_points"]] == [(100, 5)]
     assert [(part["from"], part["to"]) for part in entry["by_distance_m"]] == [(10.0, 20.0)]
+
+
+def test_differences_are_on_the_same_objects():
+    rows = [box_row("a", i, iou) for i, iou in enumerate([0.5, 0.7, 0.9])]
+    rows += [box_row("b", i, iou) for i, iou in enumerate([0.4, 0.8])] + [box_row("b", 7, 1.0)]
+    (pair,) = paired(rows, ["a", "b"])
+    assert (pair["a"], pair["b"], pair["n"]) == ("a", "b", 2)
+    assert pair["mean_iou"] == pytest.approx(0.0)
+    assert pair["mean_iou_interval"] == pytest.approx([-0.1, 0.1])
+    assert paired(rows, ["a"]) == []
 
 
 def test_detections_without_a_label_do_not_count():
