@@ -9,7 +9,6 @@ from typing import Annotated
 import numpy as np
 import tyro
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
 from objgraph.box_comparison.evaluate import KITTI
 from objgraph.datasets.kitti import frames, load_frame
@@ -24,6 +23,7 @@ from objgraph.mapping import MappingConfig, map_scan, scene_points
 from objgraph.observation import Scan
 from objgraph.picture import map_picture
 from objgraph.report import evaluation_table, map_table
+from objgraph.telling import telling
 
 log = logging.getLogger(__name__)
 
@@ -62,13 +62,8 @@ def run_map(command: MapCommand, console: Console) -> ObjectMap:
         return _map_lidar(command, console)
     scan = _limited(_load(command), command.categories)
     config = command.config
-    with _progress(console) as progress:
-        task = progress.add_task("starting", total=None)
-        object_map = map_scan(
-            scan,
-            config,
-            lambda what, done, total: progress.update(task, description=what, completed=done, total=total),
-        )
+    with telling(console) as tell:
+        object_map = map_scan(scan, config, tell)
     object_map.save(command.out)
     try:
         object_map = evaluated(object_map, dict(scan.ground_truth))
@@ -98,13 +93,8 @@ def _map_lidar(command: MapCommand, console: Console) -> ObjectMap:
     if not frame.detections:
         raise DatasetError(f"frame {frame.name}: nothing is detected that could be mapped")
     settings = LidarMappingConfig(config.seed, config.mesh_resolution, config.priors, solver=config.solver)
-    with _progress(console) as progress:
-        task = progress.add_task("starting", total=None)
-        object_map = map_lidar(
-            frame,
-            settings,
-            lambda what, done, total: progress.update(task, description=what, completed=done, total=total),
-        )
+    with telling(console) as tell:
+        object_map = map_lidar(frame, settings, tell)
     object_map.save(command.out)
     _write_config(command.out / "config.json", settings)
     console.print(map_table(object_map))
@@ -134,16 +124,6 @@ def _limited(scan: Scan, categories: tuple[str, ...]) -> Scan:
         known = ", ".join(sorted({instance.category for instance in scan.instances})) or "none"
         raise DatasetError(f"{scan.name} has no object of {', '.join(categories)}; its categories: {known}")
     return replace(scan, instances=kept)
-
-
-def _progress(console: Console) -> Progress:
-    return Progress(
-        TextColumn("{task.description}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TimeElapsedColumn(),
-        console=console,
-    )
 
 
 def _show(object_map: ObjectMap, scan: Scan, out: Path, console: Console) -> None:

@@ -1,15 +1,12 @@
 """What the command line does with methods: `objgraph evaluate`."""
 
 import os
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import tyro
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
 from objgraph.benchmark.cases import BenchmarkConfig
 from objgraph.benchmark.viewpoints import VIEWS
@@ -32,6 +29,7 @@ from objgraph.comparison.tables import all_tables, calibration_tables
 from objgraph.datasets.registry import datasets
 from objgraph.errors import EvaluationError
 from objgraph.evaluation.mesh_folder import write_json
+from objgraph.telling import telling
 
 List = Annotated[tuple[str, ...], tyro.conf.arg(metavar="A,B,..")]
 
@@ -150,7 +148,7 @@ def _boxes(command: EvaluateCommand, console: Console, line: str) -> dict[str, A
     comparison = LidarComparison(
         command.root, _methods(command), command.folder, _scans(command), command.seed, command.priors
     )
-    with _telling(console) as tell:
+    with telling(console, transient=True) as tell:
         try:
             result = run_box_comparison(
                 comparison, command.least_points, command.jobs, command.json, console, line, tell
@@ -242,7 +240,7 @@ def _check_writable(path: Path) -> None:
 
 
 def _compare(comparison: Comparison, command: EvaluateCommand, console: Console) -> list[ObjectRow]:
-    with _telling(console) as tell:
+    with telling(console, transient=True) as tell:
         try:
             return compare(comparison, command.jobs, command.retry_failed, program_version(), tell)
         except KeyboardInterrupt as error:
@@ -251,24 +249,6 @@ def _compare(comparison: Comparison, command: EvaluateCommand, console: Console)
 
 def _stopped(rows: Path) -> EvaluationError:
     return EvaluationError(f"stopped; what is done is in {rows}, and the same command goes on from there")
-
-
-@contextmanager
-def _telling(console: Console) -> Iterator[Callable[[str, int, int], None]]:
-    """A progress bar, as a function of what is being done, done, of how many."""
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-    bar = Progress(*columns, console=console, transient=True)
-    task = bar.add_task("starting", total=None)
-
-    def tell(what: str, done: int, total: int) -> None:
-        bar.start()  # not before: a mistake that is found first is one line
-        bar.update(task, description=what, completed=done, total=total)
-
-    try:
-        yield tell
-    finally:
-        if bar.live.is_started:
-            bar.stop()
 
 
 def _data(comparison: Comparison) -> str:
