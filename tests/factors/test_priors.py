@@ -2,7 +2,14 @@ import gtsam
 import numpy as np
 import pytest
 
-from factors.priors import code_prior, scale_covariance, scale_prior, upright_prior
+from factors.priors import (
+    code_prior,
+    placed_prior,
+    scale_covariance,
+    scale_prior,
+    sized_prior,
+    upright_prior,
+)
 from factors.state import ObjectKeys, ObjectState
 
 KEYS = ObjectKeys.numbered(1)
@@ -42,3 +49,17 @@ def test_upright_prior_measures_the_tilt_and_not_the_heading(tilt):
         ObjectState(gtsam.Pose3(rotation, np.zeros(3)), np.zeros(3), np.zeros(2)).insert(values, KEYS)
         error = upright_prior(KEYS, up, 0.05).error(values)
         assert error == pytest.approx(0.5 * (np.sin(tilt) / 0.05) ** 2, rel=0.01, abs=1e-9)
+
+
+def test_a_detectors_box_is_a_measurement_along_the_objects_own_axes():
+    detected = gtsam.Pose3(gtsam.Rot3.RzRyRx(0.3, -0.5, 1.1), np.array([4.0, -2.0, 20.0]))
+    place = placed_prior(KEYS, detected, heading_sigma=0.1, lean_sigma=0.4, position_sigma=0.3)
+    size = sized_prior(KEYS, np.array([0.1, 0.2, 0.3]), 0.08)
+    for axis, sigma in enumerate((0.4, 0.1, 0.4, 0.3, 0.3, 0.3)):  # the second is about the up axis
+        off = np.zeros(6)
+        off[axis] = 0.05
+        values = gtsam.Values()
+        state = ObjectState(detected.retract(off), np.array([0.1, 0.2, 0.34]), np.zeros(2))
+        state.insert(values, KEYS)
+        assert place.error(values) == pytest.approx(0.5 * (0.05 / sigma) ** 2, rel=1e-6)
+        assert size.error(values) == pytest.approx(0.5 * (0.04 / 0.08) ** 2)

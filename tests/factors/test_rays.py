@@ -10,16 +10,17 @@ from factors.rays import BOX_HALF_SIZE, Rays, box_interval, choose_cells, coarse
 from tests.factors.conftest import random_camera, random_state
 
 
-@given(st.integers(0, 10**6))
-def test_box_interval_holds_exactly_what_lies_in_the_box(seed):
+@given(st.integers(0, 10**6), st.booleans())
+def test_box_interval_holds_exactly_what_lies_in_the_box(seed, tight):
     rng = np.random.default_rng(seed)
+    half = rng.uniform(0.1, 0.6, size=3) if tight else BOX_HALF_SIZE
     state, camera = random_state(rng), random_camera(rng)
     directions = np.c_[rng.normal(size=(20, 2)) * 0.2, np.ones(20)]
-    near, far = box_interval(state, camera, directions)
+    near, far = box_interval(state, camera, directions, half)
     depth = np.linspace(0.05, 6, 400)
     points = directions[:, None] * depth[:, None]
     p_world = points.reshape(-1, 3) @ camera.rotation().matrix().T + camera.translation()
-    inside = (np.abs(state.to_object(p_world)).max(axis=1) < BOX_HALF_SIZE).reshape(20, 400)
+    inside = (np.abs(state.to_object(p_world)) < half).all(axis=1).reshape(20, 400)
     between = (depth > near[:, None]) & (depth < far[:, None])
     np.testing.assert_array_equal(inside, between)
 

@@ -68,3 +68,11 @@ def test_boxes_that_touch_or_are_apart_share_nothing(distance):
 def test_a_flat_box_is_refused():
     with pytest.raises(EvaluationError, match="positive side lengths"):
         OrientedBox(np.zeros(3), np.eye(3), np.array([1.0, 0.0, 1.0]))
+
+
+@given(boxes)
+def test_the_box_about_a_boxs_corners_is_that_box(box):
+    signs = np.stack(np.meshgrid(*[[-0.5, 0.5]] * 3), axis=-1).reshape(-1, 3)
+    again = OrientedBox.about(box.centre + (signs * box.extents) @ box.rotation.T, box.rotation)
+    np.testing.assert_allclose(again.centre, box.centre, atol=1e-12)
+    np.testing.assert_allclose(again.extents, box.extents, atol=1e-12)
