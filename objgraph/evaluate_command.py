@@ -151,7 +151,14 @@ def _boxes(command: EvaluateCommand, console: Console, line: str) -> dict[str, A
     with telling(console, transient=True) as tell:
         try:
             result = run_box_comparison(
-                comparison, command.least_points, command.jobs, command.json, console, line, tell
+                comparison,
+                command.least_points,
+                command.jobs,
+                command.retry_failed,
+                command.json,
+                console,
+                line,
+                tell,
             )
         except KeyboardInterrupt as error:
             raise _stopped(command.folder / BOX_ROWS) from error

@@ -17,7 +17,7 @@ from objgraph.comparison.methods import METHODS, method
 from objgraph.comparison.rows import RowFile, plain
 from objgraph.comparison.runner import run
 from objgraph.covariance.box import box_pose
-from objgraph.datasets.kitti import CATEGORIES, frames, load_frame, load_labels
+from objgraph.datasets.kitti import CATEGORIES, detection_ids, frames, load_frame, load_labels
 from objgraph.errors import EvaluationError, ObjectGraphError, ObservationError, SolveError
 from objgraph.estimation import Estimate, EstimationTask, Estimator
 from objgraph.evaluation.boxes import OrientedBox, box_iou
@@ -82,11 +82,15 @@ class FrameJob:
 
 
 def compare_boxes(
-    comparison: LidarComparison, processes: int = 1, version: str = "", tell: Tell | None = None
+    comparison: LidarComparison,
+    processes: int = 1,
+    retry_failed: bool = False,
+    version: str = "",
+    tell: Tell | None = None,
 ) -> list[BoxRow]:
     """A row for every method and detected object, and of the detections themselves; appended to `out` as they come.
 
-    A frame's rows of a method that are there already are not made again.
+    A frame's rows of a method that are all there already are not made again (with `retry_failed`, where one failed).
 
     Raises:
         EvaluationError: an unknown method; a folder that cannot be written or holds rows of other settings; a process
@@ -103,7 +107,15 @@ def compare_boxes(
                     f"{comparison.out} holds rows of '{row.method}' made with other settings or weights: give another "
                     "--out, or delete that folder"
                 )
-        done = {(row.method, row.frame) for row in file.rows}
+        latest = {row.key: row for row in file.rows}
+        there = {key for key, row in latest.items() if row.failure is None or not retry_failed}
+        wanted = {name: detection_ids(comparison.root, name) for name in names}
+        done = {
+            (each, name)
+            for each in digests
+            for name, ids in wanted.items()
+            if all((each, name, i) in there for i in ids)
+        }
         jobs = [
             FrameJob(comparison, name, todo, version)
             for name in names

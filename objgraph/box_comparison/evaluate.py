@@ -22,6 +22,7 @@ def run_box_comparison(
     comparison: LidarComparison,
     least_points: int,
     jobs: int,
+    retry_failed: bool,
     json: Path,
     console: Console,
     line: str,
@@ -33,7 +34,7 @@ def run_box_comparison(
         EvaluationError: see `compare_boxes`; or no detected object is left to be counted.
         DatasetError: the data cannot be read.
     """
-    rows = counted(compare_boxes(comparison, jobs, program_version(), tell), least_points)
+    rows = counted(compare_boxes(comparison, jobs, retry_failed, program_version(), tell), least_points)
     if not rows:
         raise EvaluationError(
             f"{comparison.root}: no detection is near enough to a label with {least_points} returns or more; choose "

@@ -63,6 +63,12 @@ def load_frame(
     )
 
 
+def detection_ids(root: Path, name: str) -> tuple[int, ...]:
+    """Ids of the detections that `load_frame` gives, without reading the scan."""
+    boxes = read_boxes(Path(root) / "detections" / f"{name}.txt")
+    return tuple(i for i, box in enumerate(boxes, 1) if box.type in CATEGORIES)
+
+
 def load_labels(root: Path, name: str) -> tuple[KittiBox, ...]:
     """The frame's ground truth, of all types but `DontCare`; for the evaluation alone."""
     return read_boxes(Path(root) / "training" / "label_2" / f"{name}.txt")

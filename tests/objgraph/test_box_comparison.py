@@ -105,6 +105,22 @@ def test_a_run_goes_on_where_it_was_stopped(street, tmp_path, monkeypatch):
         compare_boxes(LidarComparison(street, ("graph",), tmp_path, seed=1))
 
 
+def test_a_frame_whose_rows_a_kill_has_cut_is_run_again(street, tmp_path, monkeypatch):
+    monkeypatch.setattr(compare, "estimator_of", lambda name: Slow())
+    monkeypatch.setattr(compare, "settings_of", lambda value: str(type(value).__name__))
+    comparison = LidarComparison(street, ("graph",), tmp_path)
+    Slow.calls = 10
+    rows = compare_boxes(comparison)
+    path = tmp_path / compare.ROWS
+    lines = path.read_bytes().splitlines(keepends=True)
+    path.write_bytes(b"".join(lines[:-1]))
+    again = compare_boxes(comparison)
+    assert Slow.calls == 13  # two frames, and the second once more
+    assert {row.key for row in again} == {row.key for row in rows}
+    compare_boxes(comparison, retry_failed=True)
+    assert Slow.calls == 15  # one failed in each
+
+
 def test_the_detections_own_row_is_theirs(street, tmp_path):
     rows = compare_boxes(LidarComparison(street, (), tmp_path))
     assert {row.method for row in rows} == {DETECTIONS}
