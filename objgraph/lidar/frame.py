@@ -1,6 +1,7 @@
 """What a LiDAR and a detector say about a scene: one scan of points, boxes about objects, and maybe a picture."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from jaxtyping import Float, Int, UInt8
@@ -94,8 +95,9 @@ class LidarFrame:
     detections: tuple[Detection, ...]
     picture: Picture | None = None
 
-    @property
+    @cached_property
     def p_world(self) -> Float[np.ndarray, "n 3"]:
+        """The returns in the world; asked for once an object."""
         return self.p_lidar @ self.T_world_lidar[:3, :3].T + self.T_world_lidar[:3, 3]
 
     def detection(self, detection_id: int) -> Detection:
