@@ -123,9 +123,10 @@ class Subject:
         """Against the truth, of which nothing else here knows."""
         state = estimate.state
         mesh = extract_mesh(self.prior.decoder, state.code)
+        vertices, faces = np.asarray(mesh.vertices), np.asarray(mesh.faces)
         return evaluate_object(
-            state.T_world_object.matrix(), state.scale, np.asarray(mesh.vertices), np.asarray(mesh.faces),
-            self.world.truth,
+            state.T_world_object.matrix(), state.scale, vertices, faces, self.world.truth,
+            bounds=self.prior.bounds(vertices),
         )  # fmt: skip
 
 

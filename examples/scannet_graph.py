@@ -52,12 +52,13 @@ class Arguments:
     views: int = 3
 
 
-def describe(instance, state, covariance, mesh, sigma, views, seconds) -> MappedObject:
+def describe(instance, prior, state, covariance, mesh, sigma, views, seconds) -> MappedObject:
+    low, high = state.scale * prior.bounds(mesh.vertices)
     return MappedObject(
         instance.id, instance.category, "mapped",
         T_world_object=state.T_world_object.matrix(), scale=state.scale, code=state.code,
         covariance=covariance.rigid, code_sigma=covariance.sigma[9:],
-        seconds=seconds, views=tuple(view.frame for view in views), size_m=state.scale * mesh.extents,
+        seconds=seconds, views=tuple(view.frame for view in views), size_m=high - low, centre_m=(low + high) / 2,
         vertices=state.to_world(np.asarray(mesh.vertices)), faces=np.asarray(mesh.faces), vertex_sigma=sigma,
     )  # fmt: skip
 
@@ -129,7 +130,7 @@ def main(arguments: Arguments) -> None:
         covariance = marginals(graph, values, keys)
         mesh = extract_mesh(prior.decoder, state.code)
         sigma = surface_sigma(prior.decoder, state, covariance, np.asarray(mesh.vertices))
-        entries.append(describe(instance, state, covariance, mesh, sigma, views, seconds[instance.id]))
+        entries.append(describe(instance, prior, state, covariance, mesh, sigma, views, seconds[instance.id]))
     object_map = evaluated(ObjectMap(scan.name, tuple(entries), scan.up_world), dict(scan.ground_truth))
     object_map.save(arguments.out)
     map_picture(object_map, *scene_points(scan, range(len(scan.frames)), 8000), arguments.out / "map.png")

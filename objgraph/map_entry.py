@@ -41,6 +41,7 @@ def map_entry(
     state, covariance = estimate.state, estimate.covariance
     mesh = extract_mesh(prior.decoder, state.code, resolution=resolution)
     vertices = np.asarray(mesh.vertices)
+    low, high = state.scale * prior.bounds(vertices)
     return MappedObject(
         instance.id,
         instance.category,
@@ -55,7 +56,8 @@ def map_entry(
         linearizations=estimate.linearizations,
         error_evaluations=estimate.error_evaluations,
         views=tuple(view.frame for view in views),
-        size_m=state.scale * mesh.extents,
+        size_m=high - low,
+        centre_m=(low + high) / 2,
         prior=_reference(prior),
         vertices=state.to_world(vertices),
         faces=np.asarray(mesh.faces),

@@ -32,6 +32,7 @@ EVALUATION_KEYS = (
 _SHAPES: dict[str, tuple[int | None, ...]] = {
     **ESTIMATE_SHAPES,
     "size_m": (3,),
+    "centre_m": (3,),
     "vertices": (None, 3),
     "faces": (None, 3),
     "vertex_sigma": (None,),
@@ -93,7 +94,9 @@ class MappedObject:
     views: tuple[str, ...] = ()
     """Names of the frames it was seen in and mapped from."""
     size_m: Float[np.ndarray, "3"] | None = None
-    """Extents along the object's own axes: width (x), height (y), depth (z), metres."""
+    """Edges of its box along the object's own axes: width (x), height (y), depth (z), metres."""
+    centre_m: Float[np.ndarray, "3"] | None = None
+    """Centre of that box from the origin of the object's frame, along the object's axes, metres."""
     prior: PriorReference | None = None
     evaluation: Mapping[str, Any] | None = None
     """`EVALUATION_KEYS` where there is ground truth; of a failed object `pose_correct` is False, the rest None."""

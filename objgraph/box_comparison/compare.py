@@ -236,7 +236,12 @@ def _measured(
         mesh = extract_mesh(task.prior.decoder, state.code, resolution=resolution)
         vertices = np.asarray(mesh.vertices)
         placed = PlacedMesh(
-            "estimate", state.T_world_object.matrix(), state.scale, vertices, np.asarray(mesh.faces)
+            "estimate",
+            state.T_world_object.matrix(),
+            state.scale,
+            vertices,
+            np.asarray(mesh.faces),
+            task.prior.bounds(vertices),
         )
         if result.covariance is not None:
             known = box_pose(task.prior, state, result.covariance, vertices).covariance

@@ -178,7 +178,8 @@ def _evaluation(
 ) -> Evaluation:
     vertices, faces = np.asarray(mesh.vertices), np.asarray(mesh.faces)
     T = state.T_world_object.matrix()
-    return evaluate_object(T, state.scale, vertices, faces, seen.truth, config.seed)
+    bounds = seen.prior.bounds(vertices)
+    return evaluate_object(T, state.scale, vertices, faces, seen.truth, config.seed, bounds=bounds)
 
 
 def _uncertainty(

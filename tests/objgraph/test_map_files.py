@@ -36,6 +36,7 @@ JSON_NAMES = [
     "seconds_by_stage",
     "views",
     "size_m",
+    "centre_m",
     "mesh",
     "joint_covariance",
     "prior",
@@ -93,7 +94,7 @@ def test_the_document_has_the_promised_names_and_failed_objects_have_nulls(tmp_p
     ObjectMap("room", (mapped(1), failed(9)), UP).save(tmp_path)
     document = json.loads((tmp_path / "map.json").read_text())
     assert set(document) == {"version", "scene", "up_world", "objects"}
-    assert document["version"] == 3
+    assert document["version"] == 4
     good, bad = document["objects"]
     assert set(good) == set(bad) == set(JSON_NAMES)
     assert (good["estimator"], good["other"]) == ("graph", None)
