@@ -9,6 +9,7 @@ from jaxtyping import Float
 
 from factors.state import ObjectState
 from objgraph.covariance.labelled import ObjectCovariance
+from objgraph.covariance.turns import Turns
 from objgraph.errors import SolveError
 from objgraph.object_factors import DetectedBox
 from objgraph.prior.prior import ShapePrior
@@ -47,6 +48,8 @@ class Estimate:
     """Evaluations of loss and derivatives."""
     error_evaluations: int
     """Evaluations of the loss alone."""
+    turns: Turns | None = None
+    """How likely the object stands otherwise; None where no quarter turn of it has a chance, or none was tried."""
 
 
 def unusable(task: EstimationTask) -> SolveError | None:

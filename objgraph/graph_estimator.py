@@ -3,19 +3,26 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
+import numpy as np
+
+from factors.state import ObjectState
+from objgraph.covariance.turns import Turns
 from objgraph.errors import ObjectGraphError, SolveError
 from objgraph.estimation import Estimate, EstimationTask, unusable
 from objgraph.object_factors import GraphConfig
+from objgraph.quarter_turns import QuarterTurnsConfig, quarter_turns
 from objgraph.single_object import SingleObject, single_object
 from objgraph.solve import SolverConfig, solve
 
 
 @dataclass(frozen=True)
 class GraphEstimator:
-    """Every start is solved at the coarsest slope; the cheapest is solved to the end."""
+    """Every start is solved at the coarsest slope; the cheapest is solved to the end; so is a cheaper turn of it."""
 
     graph: GraphConfig = field(default_factory=GraphConfig)
     solver: SolverConfig = field(default_factory=SolverConfig)
+    turns: QuarterTurnsConfig | None = field(default_factory=QuarterTurnsConfig)
+    """None takes the heading that was found as the only one."""
 
     def estimate(
         self, tasks: Sequence[EstimationTask], progress: Callable[[int, int], None] | None = None
@@ -29,56 +36,82 @@ class GraphEstimator:
     def _solved(
         self, tasks: Sequence[EstimationTask], progress: Callable[[int, int], None] | None
     ) -> list[Estimate | SolveError]:
-        attempts = [
-            [
-                single_object(task.prior, start, task.views, task.up_world, task.floor, self.graph, task.box)
-                for start in task.starts
-            ]
-            for task in tasks
-        ]
+        attempts = [_Attempts(task, [self._single(task, start) for start in task.starts]) for task in tasks]
         first = replace(self.solver, slopes=self.solver.slopes[:1], rounds=1)
-        solve([attempt.problem for several in attempts for attempt in several], first)
-        chosen = [_cheapest(several) for several in attempts]
-        costs = [_begin(attempt, self.solver.slopes[-1]) for attempt in chosen]
-        solve([attempt.problem for attempt in chosen if not attempt.problem.failure], self.solver, progress)
+        solve([single.problem for attempt in attempts for single in attempt.tried], first)
         last = self.solver.slopes[-1]
-        return [_estimate(*each, last) for each in zip(chosen, costs, attempts, tasks, strict=True)]
+        for attempt in attempts:
+            attempt.choose_cheapest(last)
+        solve([attempt.chosen.problem for attempt in attempts if attempt.is_good], self.solver, progress)
+        if self.turns is not None:
+            self._turn([attempt for attempt in attempts if attempt.is_good], self.turns)
+        return [attempt.estimate(last) for attempt in attempts]
+
+    def _single(self, task: EstimationTask, start: ObjectState) -> SingleObject:
+        return single_object(task.prior, start, task.views, task.up_world, task.floor, self.graph, task.box)
+
+    def _turn(self, attempts: Sequence["_Attempts"], config: QuarterTurnsConfig) -> None:
+        """Solve again what costs less turned by quarters, and write down how likely the other headings are."""
+        tasks, states = [attempt.task for attempt in attempts], [attempt.chosen.state for attempt in attempts]
+        better: list[tuple[_Attempts, SingleObject, Turns]] = []
+        for attempt, found in zip(attempts, quarter_turns(tasks, states, self.graph, config), strict=True):
+            if found is None or not np.isfinite(found.costs).any():
+                continue
+            attempt.linearizations += found.linearizations
+            attempt.error_evaluations += found.error_evaluations
+            state, turns = found.states[found.cheapest], found.turns(config.temperature)
+            if found.cheapest == 0 or state is None:
+                attempt.turns = turns
+            else:
+                better.append((attempt, self._single(attempt.task, state), turns))
+        solve([single.problem for _, single, _ in better], self.solver)
+        for attempt, single, turns in better:
+            if single.problem.failure is None:
+                attempt.tried.append(single)
+                attempt.chosen, attempt.turns = single, turns
 
 
-def _begin(attempt: SingleObject, slope: float) -> float:
-    """What the start costs at the slope at which the end will be judged; nan where it cannot be said."""
-    if attempt.problem.failure is None:
+@dataclass
+class _Attempts:
+    """What was tried of one object."""
+
+    task: EstimationTask
+    tried: list[SingleObject]
+    cost_initial: float = np.nan
+    turns: Turns | None = None
+    linearizations: int = 0
+    """Beside those of `tried`."""
+    error_evaluations: int = 0
+    chosen: SingleObject = field(init=False)
+
+    @property
+    def is_good(self) -> bool:
+        return self.chosen.problem.failure is None
+
+    def choose_cheapest(self, slope: float) -> None:
+        """... and say what it cost at its start, at the slope at which the end will be judged."""
+        solved = [single for single in self.tried if single.problem.failure is None]
+        self.chosen = min(solved or self.tried[:1], key=lambda single: single.problem.cost)
+        if self.is_good:
+            try:
+                self.cost_initial = self.chosen.cost_of_start(slope)
+            except (ObjectGraphError, RuntimeError) as error:
+                self.chosen.problem.failure = str(error)
+
+    def estimate(self, slope: float) -> Estimate | SolveError:
+        problem = self.chosen.problem
+        if problem.failure is not None:
+            return SolveError(f"{self.task.name}: {problem.failure}")
         try:
-            return attempt.cost_of_start(slope)
+            covariance = self.chosen.covariance(slope)
         except (ObjectGraphError, RuntimeError) as error:
-            attempt.problem.failure = str(error)
-    return float("nan")
-
-
-def _cheapest(attempts: Sequence[SingleObject]) -> SingleObject:
-    solved = [attempt for attempt in attempts if attempt.problem.failure is None]
-    return min(solved or attempts[:1], key=lambda attempt: attempt.problem.cost)
-
-
-def _estimate(
-    attempt: SingleObject,
-    cost_initial: float,
-    tried: Sequence[SingleObject],
-    task: EstimationTask,
-    slope: float,
-) -> Estimate | SolveError:
-    problem = attempt.problem
-    if problem.failure is not None:
-        return SolveError(f"{task.name}: {problem.failure}")
-    try:
-        covariance = attempt.covariance(slope)
-    except (ObjectGraphError, RuntimeError) as error:
-        return SolveError(f"{task.name}: {error}")
-    return Estimate(
-        attempt.state,
-        covariance,
-        cost_initial,
-        problem.cost,
-        sum(each.problem.linearizations for each in tried),
-        sum(each.problem.error_evaluations for each in tried),
-    )
+            return SolveError(f"{self.task.name}: {error}")
+        return Estimate(
+            self.chosen.state,
+            covariance,
+            self.cost_initial,
+            problem.cost,
+            self.linearizations + sum(single.problem.linearizations for single in self.tried),
+            self.error_evaluations + sum(single.problem.error_evaluations for single in self.tried),
+            self.turns,
+        )

@@ -82,8 +82,8 @@ def guesses(
         raise InitialisationError(
             f"no starting shape of the {prior.category} prior has a surface; retrain it"
         )
-    misfit = _misfit(prior, states, points, _free_points(views))
-    return [states[i] for i in np.argsort(misfit, kind="stable")[: config.guesses]]
+    off = misfit(prior, states, points, free_points(views))
+    return [states[i] for i in np.argsort(off, kind="stable")[: config.guesses]]
 
 
 def _log_scale(log_ratio: Float[np.ndarray, "3"], stands: bool, prior: ShapePrior) -> Float[np.ndarray, "3"]:
@@ -100,7 +100,7 @@ def _log_scale(log_ratio: Float[np.ndarray, "3"], stands: bool, prior: ShapePrio
     return size + share * np.clip(log_ratio - size, -limit, limit)
 
 
-def _free_points(views: Sequence[ObjectView]) -> Float[np.ndarray, "m 3"]:
+def free_points(views: Sequence[ObjectView]) -> Float[np.ndarray, "m 3"]:
     """World points that are seen to be empty: on the free rays, as deep as the object next to them."""
     points = []
     for view in views:
@@ -113,7 +113,7 @@ def _free_points(views: Sequence[ObjectView]) -> Float[np.ndarray, "m 3"]:
     return np.concatenate(points)
 
 
-def _misfit(
+def misfit(
     prior: ShapePrior,
     states: Sequence[ObjectState],
     p_surface: Float[np.ndarray, "n 3"],

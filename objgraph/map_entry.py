@@ -58,6 +58,7 @@ def map_entry(
         views=tuple(view.frame for view in views),
         size_m=high - low,
         centre_m=(low + high) / 2,
+        turns=None if estimate.turns is None else estimate.turns.probability,
         prior=_reference(prior),
         vertices=state.to_world(vertices),
         faces=np.asarray(mesh.faces),

@@ -11,6 +11,7 @@ from jaxtyping import Float, Int
 from factors.state import RIGID_DOF, ObjectState
 from objgraph import map_checks
 from objgraph.covariance.labelled import RIGID_AXES, ObjectCovariance
+from objgraph.covariance.turns import Turns
 from objgraph.errors import CovarianceError, MapError
 from objgraph.map_estimate import ESTIMATE_SHAPES, OtherEstimate
 
@@ -33,6 +34,7 @@ _SHAPES: dict[str, tuple[int | None, ...]] = {
     **ESTIMATE_SHAPES,
     "size_m": (3,),
     "centre_m": (3,),
+    "turns": (4,),
     "vertices": (None, 3),
     "faces": (None, 3),
     "vertex_sigma": (None,),
@@ -97,6 +99,9 @@ class MappedObject:
     """Edges of its box along the object's own axes: width (x), height (y), depth (z), metres."""
     centre_m: Float[np.ndarray, "3"] | None = None
     """Centre of that box from the origin of the object's frame, along the object's axes, metres."""
+    turns: Float[np.ndarray, "4"] | None = None
+    """Probabilities that it stands like this, or within the same box turned by a quarter, a half and three quarters about
+    its up axis; None where no other heading comes near. The covariance is of this heading alone."""
     prior: PriorReference | None = None
     evaluation: Mapping[str, Any] | None = None
     """`EVALUATION_KEYS` where there is ground truth; of a failed object `pose_correct` is False, the rest None."""
@@ -141,6 +146,11 @@ class MappedObject:
         return ObjectState(gtsam.Pose3(self.T_world_object), np.log(self.scale), np.array(self.code))
 
     @property
+    def other_headings(self) -> Turns | None:
+        """`turns`, for `box_pose`."""
+        return None if self.turns is None else Turns(self.turns)
+
+    @property
     def uncertainty(self) -> ObjectCovariance:
         """The joint covariance; raises MapError where the map has none."""
         if self.joint_covariance is None:
@@ -168,6 +178,10 @@ def _check_consistency(entry: MappedObject) -> None:
         raise _bad(entry, "covariance", "has a negative variance")
     if entry.code is not None and entry.code_sigma is not None and len(entry.code) != len(entry.code_sigma):
         raise _bad(entry, "code_sigma", f"has {len(entry.code_sigma)} entries, the code {len(entry.code)}")
+    try:
+        _ = entry.other_headings
+    except CovarianceError as error:
+        raise _bad(entry, "turns", f"are none: {error}") from error
     _check_joint(entry)
     _check_surface(entry)
 

@@ -190,7 +190,9 @@ def _uncertainty(
     points, seed = config.surface_points, config.seed
     errors = surface_errors(seen.prior, estimate.state, estimate.covariance, seen.truth, points, seed)
     kept = errors.some(config.kept_points, config.seed)
-    box = box_pose(seen.prior, estimate.state, estimate.covariance, np.asarray(mesh.vertices))
+    box = box_pose(
+        seen.prior, estimate.state, estimate.covariance, np.asarray(mesh.vertices), turns=estimate.turns
+    )
     off = box_error(box, seen.truth)
     return {
         "pearson": errors.pearson,
@@ -225,6 +227,7 @@ def _description(estimate: Estimate) -> dict[str, object]:
         "cost_final": plain(float(estimate.cost_final)),
         "linearizations": int(estimate.linearizations),
         "error_evaluations": int(estimate.error_evaluations),
+        "turns": None if estimate.turns is None else plain(estimate.turns.probability),
     }
 
 

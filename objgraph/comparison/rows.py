@@ -76,6 +76,8 @@ class ObjectRow:
     code: Numbers = None
     covariance: Matrix = None
     """9x9: rotation, translation (both in the body frame), log-scale."""
+    turns: Numbers = None
+    """Probabilities of the heading and of those a quarter, a half and three quarters of a turn from it."""
     truth_T_world_object: Matrix = None
     truth_scale: Numbers = None
     truth_symmetry: int | None = None

@@ -10,6 +10,7 @@ from jaxtyping import Float
 from factors.sdf_decoder import SdfDecoder
 from factors.state import RIGID_DOF, ObjectState
 from objgraph.covariance.labelled import LabelledCovariance, ObjectCovariance
+from objgraph.covariance.turns import Turns
 from objgraph.errors import SolveError
 from objgraph.mesh import extract_mesh
 from objgraph.prior.prior import ShapePrior
@@ -65,13 +66,15 @@ def box_pose(
     covariance: ObjectCovariance,
     p_object: Float[np.ndarray, "v 3"] | None = None,
     misfit: BoxMisfit | None = None,
+    turns: Turns | None = None,
 ) -> BoxPose:
     """The object's box, with the covariance that `covariance` gives it and the prior's `misfit` added.
 
     Every shape of a prior with a `box` fills that box, whatever the decoder may have drawn too short: scale times the
     box is then the better estimate of the extents, and the code says nothing of them. Of any other prior it is the
     box about `p_object`, the canonical vertices of the object's mesh, which are made where they are not given.
-    By default the misfit is that of the prior's category.
+    By default the misfit is that of the prior's category. `turns` widen it by the other headings that the object may
+    have: to the second moment of all about this one.
 
     Raises:
         SolveError: the code has no surface, or no surface faces one of the sides.
@@ -89,6 +92,8 @@ def box_pose(
     extents_sigma = [misfit.log_level, misfit.log_height, misfit.log_level]
     added = np.diag(np.square([0.0] * 3 + [misfit.centre] * 3 + extents_sigma))
     known = covariance.mapped(jacobian, BOX_AXES)
+    if turns is not None:
+        added += turns.second_moment(extents)
     return BoxPose(
         gtsam.Pose3(state.T_world_object.rotation(), centre),
         extents,

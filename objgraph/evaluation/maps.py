@@ -51,4 +51,4 @@ def _bounds(entry: MappedObject) -> Float[np.ndarray, "2 3"] | None:
     """Of the box that the map gives the object, canonical."""
     if entry.size_m is None or entry.centre_m is None:
         return None
-    return (entry.centre_m + np.outer([-0.5, 0.5], entry.size_m)) / entry.scale
+    return (entry.centre_m + np.outer([-0.5, 0.5], entry.size_m)) / np.asarray(entry.scale)

@@ -75,7 +75,9 @@ def first_estimate(
     starts, _ = rank(prior, views, states, up_world, floor, config.initialisation, config.graph)
     rough = len(views) < config.views_to_enter
     task = EstimationTask(name, prior, tuple(starts[:1] if rough else starts), tuple(views), up_world, floor)
-    (result,) = GraphEstimator(config.graph, config.rough if rough else config.start).estimate([task])
+    (result,) = GraphEstimator(config.graph, config.rough if rough else config.start, turns=None).estimate(
+        [task]
+    )
     if isinstance(result, ObjectGraphError):
         raise result
     if result.covariance is None:

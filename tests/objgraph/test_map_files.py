@@ -37,6 +37,7 @@ JSON_NAMES = [
     "views",
     "size_m",
     "centre_m",
+    "turns",
     "mesh",
     "joint_covariance",
     "prior",

@@ -1,0 +1,47 @@
+"""Quarter turns under which an object fits its box as before: other modes of its posterior, and what they add to its box's."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from objgraph.errors import CovarianceError
+
+QUARTERS = 4
+
+
+@dataclass(frozen=True)
+class Turns:
+    """How likely it is that an object stands as estimated or turned about its up axis, within the same metric box."""
+
+    probability: Float[np.ndarray, "4"]
+    """Of turns by 0, 90, 180 and 270 degrees.
+
+    Raises:
+        CovarianceError: these are no probabilities.
+    """
+
+    def __post_init__(self) -> None:
+        p = np.asarray(self.probability, float)
+        if p.shape != (QUARTERS,) or not (p >= 0).all() or abs(p.sum() - 1) > 1e-6:
+            raise CovarianceError(f"the probabilities of four quarter turns were expected, got {p}")
+        object.__setattr__(self, "probability", p)
+
+    @staticmethod
+    def of_costs(costs: Float[np.ndarray, "4"], temperature: float) -> "Turns":
+        """From negative log-posteriors, the estimate's own first; one that is not finite has no chance."""
+        costs = np.where(np.isfinite(costs), costs, np.inf)
+        weight = np.exp((costs.min() - costs) / temperature)
+        return Turns(weight / weight.sum())
+
+    def second_moment(self, extents: Float[np.ndarray, "3"]) -> Float[np.ndarray, "9 9"]:
+        """Mean square of what leads from the estimated box to the turned ones, over `BOX_AXES`."""
+        swap = np.log(extents[2] / extents[0])
+        moment = np.zeros((9, 9))
+        for quarter, probability in enumerate(self.probability):
+            step = np.zeros(9)
+            step[1] = quarter * np.pi / 2 if quarter < 3 else -np.pi / 2
+            if quarter % 2:
+                step[[6, 8]] = swap, -swap
+            moment += probability * np.outer(step, step)
+        return moment

@@ -1,0 +1,70 @@
+"""Headings beside the one that was found."""
+
+from dataclasses import replace
+
+import gtsam
+import numpy as np
+import pytest
+
+from objgraph.estimation import Estimate
+from objgraph.graph_estimator import GraphEstimator
+from objgraph.object_factors import DetectedBox, GraphConfig
+from objgraph.quarter_turns import QuarterTurnsConfig, quarter_turns, turned
+from objgraph.solve import SolverConfig
+from tests.objgraph.adam_cases import OFF, pose_error, task
+from tests.toys import toy_mesh, toy_prior, toy_state
+
+TRUE = toy_state(0.4)
+PRIOR = replace(toy_prior(), box=np.asarray(toy_mesh(TRUE.code).extents))
+EVERY = QuarterTurnsConfig(reach=1e6)
+ANOTHER = DetectedBox(TRUE.T_world_object, TRUE.scale * PRIOR.box, 0.1, 0.1, 0.1)
+
+
+@pytest.mark.parametrize("quarter", range(5))
+def test_a_turned_object_fills_the_same_metric_box(quarter):
+    found = turned(TRUE, quarter, PRIOR)
+    T, here = found.T_world_object, TRUE.T_world_object
+    assert here.translation() == pytest.approx(T.translation())
+    axes = np.abs(here.rotation().matrix().T @ T.rotation().matrix()).round(9)
+    np.testing.assert_allclose(axes @ (found.scale * PRIOR.box), TRUE.scale * PRIOR.box, rtol=1e-9)
+    assert here.rotation().matrix()[:, 1] == pytest.approx(T.rotation().matrix()[:, 1])
+    if quarter == 4:
+        assert T.equals(here, 1e-9)
+
+
+@pytest.mark.parametrize("quarter", [1, 2, 3])
+def test_a_chair_that_was_found_the_wrong_way_round_is_turned(quarter):
+    begun = turned(TRUE.retract(OFF), quarter, PRIOR)
+    given = replace(task(starts=(begun,)), prior=PRIOR)
+    alone = GraphEstimator(solver=SolverConfig(rounds=3), turns=None).estimate([given])[0]
+    found = GraphEstimator(solver=SolverConfig(rounds=3), turns=EVERY).estimate([given])[0]
+    assert isinstance(alone, Estimate)
+    assert isinstance(found, Estimate)
+    turn = alone.state.T_world_object.rotation().between(TRUE.T_world_object.rotation())
+    assert np.linalg.norm(gtsam.Rot3.Logmap(turn)) > 1
+    assert pose_error(found.state) < 0.03
+    assert found.cost_final < alone.cost_final
+    assert found.linearizations > alone.linearizations
+    assert alone.turns is None
+    assert found.turns is not None
+    assert found.turns.probability[0] > 0.99
+
+
+def test_a_chair_that_stands_right_stays():
+    given = replace(task(starts=(TRUE.retract(OFF),)), prior=PRIOR)
+    found = GraphEstimator(solver=SolverConfig(rounds=3), turns=EVERY).estimate([given])[0]
+    plain = GraphEstimator(solver=SolverConfig(rounds=3), turns=None).estimate([given])[0]
+    assert isinstance(found, Estimate)
+    assert isinstance(plain, Estimate)
+    np.testing.assert_array_equal(found.state.code, plain.state.code)
+    np.testing.assert_array_equal(found.state.scale, plain.state.scale)
+    assert found.turns is not None
+    assert found.turns.probability[0] > 0.99
+
+
+def test_what_has_no_chance_is_not_solved():
+    given = replace(task(starts=(TRUE,)), prior=PRIOR)
+    assert quarter_turns([given], [TRUE], GraphConfig(), QuarterTurnsConfig(reach=0.5)) == [None]
+    # nor what has no common box, nor what a detector has said the heading of
+    others = [replace(given, prior=toy_prior()), replace(given, box=ANOTHER)]
+    assert quarter_turns(others, [TRUE, TRUE], GraphConfig(), EVERY) == [None, None]
