@@ -22,7 +22,7 @@ from objgraph.solve import LevenbergMarquardtConfig, SolverConfig, solve
 class QuarterTurnsConfig:
     """Which headings are tried, how cheaply they are told apart, and how much is believed of it."""
 
-    reach: float = 4.0
+    reach: float = 6.0
     """A turned shape whose mean distance from points and into free space is more than this times the estimate's is not
     solved: it has no chance."""
     points: int = 150

@@ -189,10 +189,10 @@ def test_a_prior_s_own_box_is_the_object_s_size():
     boxed, state = replace(prior, box=np.array([0.9, 0.8, 0.7])), toy_state()
     covariance = ObjectCovariance.diagonal(np.full(13, 1e-4), "marginals", "chair 1")
     estimate = Found(state, covariance, 1.0, 0.5, 3, 4)
-    own = map_entry(Instance(1, "chair"), boxed, estimate, [], 32)
+    own: Any = map_entry(Instance(1, "chair"), boxed, estimate, [], 32)
     np.testing.assert_allclose(own.size_m, state.scale * boxed.box)
     np.testing.assert_array_equal(own.centre_m, np.zeros(3))
-    by_mesh = map_entry(Instance(1, "chair"), prior, estimate, [], 32)
+    by_mesh: Any = map_entry(Instance(1, "chair"), prior, estimate, [], 32)
     T = state.T_world_object
     p_axes = by_mesh.vertices @ T.rotation().matrix() - T.rotation().unrotate(T.translation())
     np.testing.assert_allclose(by_mesh.centre_m - by_mesh.size_m / 2, p_axes.min(axis=0), atol=1e-6)
