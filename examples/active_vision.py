@@ -1,7 +1,7 @@
 """Where to look next: the graph's covariance chooses the camera.
 
     python examples/active_vision.py --out out/active
-    python examples/active_vision.py --out out/active --objects 50
+    python examples/active_vision.py --out out/active --objects 50 --jobs 2
 
 Each object stands in a room of its own and is seen once. Then the next view is chosen among 100 cameras that can be held
 about it: by the information that the graph expects of each, at random, or evenly about the object. After each view the
@@ -12,14 +12,18 @@ are not run again.
 
 import itertools
 import json
+import os
 from collections.abc import Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import asdict, dataclass
+from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
 import gtsam
 import matplotlib.pyplot as plt
 import numpy as np
+import torch
 import tyro
 from rich.progress import track
 
@@ -58,14 +62,16 @@ class Arguments:
     """Where metrics.json, the rows and the pictures go."""
     objects: int = 4
     """Half of them chairs, half tables; one is a chair."""
+    jobs: int = 1
+    """Objects at the same time, which share the processor's cores."""
     seed: int = 0
     """Of objects, rooms and noise."""
     candidates: int = 100
     """Cameras to choose among."""
     distance: float = 1.9
     """From the camera to the object's middle, metres."""
-    most: int = 8
-    """Views that chance and even spreading get."""
+    most: int = 6
+    """Views that chance and even spreading get: half as many again as the policy."""
     criterion: Criterion = "surface"
     """What the next view is chosen for."""
 
@@ -110,7 +116,7 @@ class Subject:
         fresh, _ = rank(self.prior, views, states, UP, self.floor, settings, GraphConfig())
         starts = (*fresh[:1], *([start] if start is not None else []))
         task = EstimationTask(self.case.id, self.prior, starts, tuple(views), UP, self.floor)
-        (result,) = GraphEstimator().estimate([task])
+        (result,) = GraphEstimator(turns=None).estimate([task])  # the fresh guess looks for other headings
         if isinstance(result, ObjectGraphError):
             raise result
         return result
@@ -228,11 +234,22 @@ def run(case: Case, arguments: Arguments, picture: Path | None) -> list[dict[str
 
 
 def curve(rows: list[dict[str, Any]], policy: str, name: str) -> dict[int, float]:
-    """Mean of a measure over the objects for every number of views."""
-    counts = sorted({r["views"] for r in rows if r["policy"] == policy})
-    return {
-        n: float(np.mean([r[name] for r in rows if (r["policy"], r["views"]) == (policy, n)])) for n in counts
-    }
+    """Mean of a measure for every number of views that all objects were seen in."""
+    objects = {r["object"] for r in rows}
+    found: dict[int, dict[str, float]] = {}
+    for r in rows:
+        if r["policy"] == policy:
+            found.setdefault(r["views"], {})[r["object"]] = r[name]
+    return {n: float(np.mean(list(found[n].values()))) for n in sorted(found) if set(found[n]) == objects}
+
+
+def whole(rows: list[dict[str, Any]], arguments: Arguments) -> list[dict[str, Any]]:
+    """The rows of objects that every policy could see as often as it was to."""
+    wanted = {(p, n) for p in POLICIES for n in range(1, (GOAL if p == POLICIES[0] else arguments.most) + 1)}
+    had: dict[str, set[tuple[str, int]]] = {}
+    for r in rows:
+        had.setdefault(r["object"], set()).add((r["policy"], r["views"]))
+    return [r for r in rows if had[r["object"]] >= wanted]
 
 
 def views_to_reach(errors: dict[int, float], goal: float) -> float | None:
@@ -246,10 +263,12 @@ def views_to_reach(errors: dict[int, float], goal: float) -> float | None:
 
 
 def summary(rows: list[dict[str, Any]], arguments: Arguments) -> dict[str, Any]:
+    tried, rows = len({r["object"] for r in rows}), whole(rows, arguments)
     goal = curve(rows, "next_best", "chamfer_m").get(GOAL, -np.inf)
     taken = [r for r in rows if "expected" in r]
     return {
         "objects": len({r["object"] for r in rows}),
+        "objects_left_out": tried - len({r["object"] for r in rows}),
         "views_next_best": GOAL,
         **{f"views_{p}": views_to_reach(curve(rows, p, "chamfer_m"), goal) for p in ("random", "even")},
         "gain_correlation": float(
@@ -259,8 +278,13 @@ def summary(rows: list[dict[str, Any]], arguments: Arguments) -> dict[str, Any]:
             name: {policy: curve(rows, policy, name) for policy in POLICIES}
             for name in ("chamfer_m", "translation_m", "rotation_deg", "scale_pct_max")
         },
-        "settings": {k: str(v) for k, v in vars(arguments).items() if k != "out"},
+        "settings": settings(arguments),
     }
+
+
+def settings(arguments: Arguments) -> dict[str, str]:
+    """What the rows depend on."""
+    return {k: str(v) for k, v in vars(arguments).items() if k not in ("out", "objects", "jobs")}
 
 
 def draw(metrics: dict[str, Any], path: Path) -> None:
@@ -288,9 +312,8 @@ def draw(metrics: dict[str, Any], path: Path) -> None:
 def main(arguments: Arguments) -> None:
     arguments.out.mkdir(parents=True, exist_ok=True)
     store = arguments.out / "rows.json"
-    settings = {k: str(v) for k, v in vars(arguments).items() if k not in ("out", "objects")}
-    kept = json.loads(store.read_text()) if store.exists() else {"settings": settings, "rows": []}
-    if kept["settings"] != settings:
+    kept = json.loads(store.read_text()) if store.exists() else {"settings": settings(arguments), "rows": []}
+    if kept["settings"] != settings(arguments):
         raise SystemExit(f"{store} is of other settings: choose another --out")
     each = -(-arguments.objects // 2)
     cases = [
@@ -305,13 +328,19 @@ def main(arguments: Arguments) -> None:
         for case in pair
     ][: arguments.objects]
     done = {r["object"] for r in kept["rows"]}
-    for case in track([case for case in cases if case.id not in done], "objects"):
-        picture = arguments.out / "information.png" if case is cases[0] else None
-        try:
-            kept["rows"] += run(case, arguments, picture)
-        except ObjectGraphError as error:
-            print(f"{case.id} is left out: {error}")
-        store.write_text(json.dumps(kept) + "\n")
+    missing = [case for case in cases if case.id not in done]
+    threads = max(1, (os.cpu_count() or 1) // arguments.jobs)
+    with ProcessPoolExecutor(arguments.jobs, get_context("spawn"), torch.set_num_threads, (threads,)) as pool:
+        pictures = {cases[0].id: arguments.out / "information.png"}
+        running = {pool.submit(run, case, arguments, pictures.get(case.id)): case for case in missing}
+        for one in track(as_completed(running), "objects", total=len(running)):
+            try:
+                kept["rows"] += one.result()
+            except ObjectGraphError as error:
+                print(f"{running[one].id} is left out: {error}")
+            part = store.with_suffix(".part")
+            part.write_text(json.dumps(kept) + "\n")
+            part.replace(store)
     chosen = [r for r in kept["rows"] if r["object"] in {case.id for case in cases}]
     metrics = summary(chosen, arguments)
     (arguments.out / "metrics.json").write_text(json.dumps(metrics, indent=2) + "\n")
