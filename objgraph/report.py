@@ -29,6 +29,8 @@ class Criterion:
     passes: Callable[[Mapping[str, Any]], bool]
 
 
+_WORTH_A_WORD = 0.1
+"""Probability of another heading from which on it is told."""
 CRITERIA = (
     Criterion("pose", lambda e: e.get("pose_correct") is True),
     Criterion(f"IoU > {IOU_LIMIT}", lambda e: e.get("box_iou") is not None and e["box_iou"] > IOU_LIMIT),
@@ -151,10 +153,21 @@ def _status(entry: MappedObject) -> Text:
 
 
 def _remarks(object_map: ObjectMap) -> list[str]:
-    """Why objects failed, one line each, and what the mark of a fallback means: too long for a column."""
+    """Why objects failed and how else they may stand, one line each, and what the mark of a fallback means: too long for
+    a column."""
     reasons = [f"{e.category} {e.id} {e.status}: {e.reason}" for e in object_map.objects if e.reason]
     names = {e.prior.name for e in object_map.objects if e.prior is not None and e.prior.fallback}
+    reasons += [f"{e.category} {e.id} {doubt}" for e in object_map.objects if (doubt := _doubt(e))]
     return reasons + [f"{_FALLBACK} no prior for this category: fallback {name}" for name in sorted(names)]
+
+
+def _doubt(entry: MappedObject) -> str | None:
+    """Which other headings are worth a word."""
+    if entry.turns is None:
+        return None
+    others = {90 * quarter: p for quarter, p in enumerate(entry.turns) if quarter and p > _WORTH_A_WORD}
+    words = [f"{angle}° ({100 * p:.0f} %)" for angle, p in others.items()]
+    return f"may stand turned by {' or '.join(words)}" if words else None
 
 
 def _is_fallback(entry: MappedObject) -> bool:

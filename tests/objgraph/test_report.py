@@ -1,6 +1,7 @@
 """The tables, and the small functions behind their numbers."""
 
 import io
+from dataclasses import replace
 
 import gtsam
 import numpy as np
@@ -108,6 +109,15 @@ def example() -> ObjectMap:
     )
     lost = MappedObject(3, "chair", "failed", "12 [px] seen", evaluation={"pose_correct": False})
     return ObjectMap("room [a]", (chair, table, lost), UP)
+
+
+def test_another_heading_that_is_likely_is_told():
+    chair, table, lost = example().objects
+    doubtful = replace(table, turns=np.array([0.55, 0.02, 0.31, 0.12]))
+    told = text(map_table(ObjectMap("room", (chair, doubtful, lost), UP)))
+    assert "table 2 may stand turned by 180° (31 %) or 270° (12 %)" in told
+    sure = replace(table, turns=np.array([0.94, 0.02, 0.02, 0.02]))
+    assert "turned" not in text(map_table(ObjectMap("room", (chair, sure, lost), UP)))
 
 
 def text(table, width=200) -> str:
