@@ -18,7 +18,7 @@ from objgraph.comparison.rows import RowFile, plain
 from objgraph.comparison.runner import run
 from objgraph.covariance.box import box_pose
 from objgraph.datasets.kitti import CATEGORIES, detection_ids, frames, load_frame, load_labels
-from objgraph.errors import EvaluationError, ObjectGraphError, ObservationError, SolveError
+from objgraph.errors import DatasetError, EvaluationError, ObjectGraphError, ObservationError, SolveError
 from objgraph.estimation import Estimate, EstimationTask, Estimator
 from objgraph.evaluation.boxes import OrientedBox, box_iou
 from objgraph.evaluation.placed import PlacedMesh
@@ -165,9 +165,15 @@ def estimator_of(name: str) -> Estimator:
 
 
 def measure(job: FrameJob) -> Iterator[BoxRow]:
-    """The rows of a frame; whatever goes wrong with an object is its rows' failure."""
+    """The rows of a frame; whatever goes wrong with an object, or with reading the frame, is its rows' failure."""
     comparison = job.comparison
-    frame = load_frame(comparison.root, job.frame)
+    try:
+        frame = load_frame(comparison.root, job.frame)
+    except DatasetError as error:
+        for name, settings in job.todo.items():
+            for i in detection_ids(comparison.root, job.frame):
+                yield BoxRow(name, job.frame, i, settings, failure=str(error), version=job.version)
+        return
     labels = {
         i: LabelledBox(i, CATEGORIES[box.type], box.T_rect_object, box.size)
         for i, box in enumerate(load_labels(comparison.root, job.frame), 1)

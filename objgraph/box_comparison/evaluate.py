@@ -34,11 +34,13 @@ def run_box_comparison(
         EvaluationError: see `compare_boxes`; or no detected object is left to be counted.
         DatasetError: the data cannot be read.
     """
-    rows = counted(compare_boxes(comparison, jobs, retry_failed, program_version(), tell), least_points)
+    found = compare_boxes(comparison, jobs, retry_failed, program_version(), tell)
+    rows = counted(found, least_points)
     if not rows:
+        failed = next((f"; {row.failure}" for row in found if row.failure is not None), "")
         raise EvaluationError(
             f"{comparison.root}: no detection is near enough to a label with {least_points} returns or more; choose "
-            "other frames or --least-points"
+            f"other frames or --least-points{failed}"
         )
     entries = summarize(rows, comparison.rows_of, comparison.seed)
     pairs = paired(rows, comparison.rows_of, comparison.seed)

@@ -29,13 +29,14 @@ class BoxRow:
     failure: str | None = None
     """Why there is no estimate; its IoU counts as 0."""
     label: int | None = None
-    """Number of the labelled object that it is; None where no label is near enough, and it is not counted."""
+    """Number of the labelled object that it is; None where no label is near enough or the frame cannot be read, and it is
+    not counted."""
     points: int | None = None
     """Returns in the labelled box."""
     distance_m: float | None = None
     """From the sensor to the middle of the labelled box."""
     iou: float | None = None
-    """Of the oriented boxes, that of the estimate about its mesh."""
+    """Of the oriented boxes."""
     error_m: list[float] | None = None
     """From the label's middle to the estimate's along the label's axes: right, up, back."""
     heading_deg: float | None = None
