@@ -51,7 +51,7 @@ class GraphEstimator:
         return single_object(task.prior, start, task.views, task.up_world, task.floor, self.graph, task.box)
 
     def _turn(self, attempts: Sequence["_Attempts"], config: QuarterTurnsConfig) -> None:
-        """Solve again what costs less turned by quarters, and write down how likely the other headings are."""
+        """Solve to the end what costs less turned, take it where it still does, and say how likely other headings are."""
         tasks, states = [attempt.task for attempt in attempts], [attempt.chosen.state for attempt in attempts]
         better: list[tuple[_Attempts, SingleObject, Turns]] = []
         for attempt, found in zip(attempts, quarter_turns(tasks, states, self.graph, config), strict=True):
@@ -59,15 +59,16 @@ class GraphEstimator:
                 continue
             attempt.linearizations += found.linearizations
             attempt.error_evaluations += found.error_evaluations
-            state, turns = found.states[found.cheapest], found.turns(config.temperature)
-            if found.cheapest == 0 or state is None:
-                attempt.turns = turns
-            else:
+            attempt.turns = found.turns(0, config.temperature)
+            state = found.states[found.cheapest]
+            if found.cheapest != 0 and state is not None:
+                turns = found.turns(found.cheapest, config.temperature)
                 better.append((attempt, self._single(attempt.task, state), turns))
         solve([single.problem for _, single, _ in better], self.solver)
         for attempt, single, turns in better:
-            if single.problem.failure is None:
-                attempt.tried.append(single)
+            attempt.tried.append(single)
+            # few points often prefer a heading that all of them do not
+            if single.problem.failure is None and single.problem.cost < attempt.chosen.problem.cost:
                 attempt.chosen, attempt.turns = single, turns
 
 

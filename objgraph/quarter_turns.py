@@ -55,9 +55,9 @@ class Turned:
         """The quarter."""
         return int(np.argmin(self.costs))
 
-    def turns(self, temperature: float) -> Turns:
-        """From the cheapest heading on."""
-        return Turns.of_costs(np.roll(self.costs, -self.cheapest), temperature)
+    def turns(self, quarter: int, temperature: float) -> Turns:
+        """Of the object as it stands turned by so many quarters."""
+        return Turns.of_costs(np.roll(self.costs, -quarter), temperature)
 
 
 def quarter_turns(

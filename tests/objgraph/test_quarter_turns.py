@@ -6,10 +6,11 @@ import gtsam
 import numpy as np
 import pytest
 
+from objgraph import graph_estimator
 from objgraph.estimation import Estimate
 from objgraph.graph_estimator import GraphEstimator
 from objgraph.object_factors import DetectedBox, GraphConfig
-from objgraph.quarter_turns import QuarterTurnsConfig, quarter_turns, turned
+from objgraph.quarter_turns import QuarterTurnsConfig, Turned, quarter_turns, turned
 from objgraph.solve import SolverConfig
 from tests.objgraph.adam_cases import OFF, pose_error, task
 from tests.toys import toy_mesh, toy_prior, toy_state
@@ -68,3 +69,21 @@ def test_what_has_no_chance_is_not_solved():
     # nor what has no common box, nor what a detector has said the heading of
     others = [replace(given, prior=toy_prior()), replace(given, box=ANOTHER)]
     assert quarter_turns(others, [TRUE, TRUE], GraphConfig(), EVERY) == [None, None]
+
+
+def test_a_turn_that_is_cheaper_on_few_points_alone_is_not_taken(monkeypatch):
+    given = replace(task(starts=(TRUE.retract(OFF),)), prior=PRIOR)
+
+    def misled(tasks, estimates, graph, config):
+        back = turned(estimates[0], 2, PRIOR)
+        return [Turned(np.array([5.0, np.inf, 0.0, np.inf]), (estimates[0], None, back, None), 7, 9)]
+
+    monkeypatch.setattr(graph_estimator, "quarter_turns", misled)
+    plain = GraphEstimator(solver=SolverConfig(rounds=3), turns=None).estimate([given])[0]
+    found = GraphEstimator(solver=SolverConfig(rounds=3)).estimate([given])[0]
+    assert isinstance(found, Estimate)
+    assert isinstance(plain, Estimate)
+    np.testing.assert_array_equal(found.state.code, plain.state.code)
+    assert found.turns is not None
+    np.testing.assert_allclose(found.turns.probability, [1 / (1 + np.e), 0, np.e / (1 + np.e), 0])
+    assert found.linearizations > plain.linearizations + 7
