@@ -132,7 +132,6 @@ class Subject:
         vertices, faces = np.asarray(mesh.vertices), np.asarray(mesh.faces)
         return evaluate_object(
             state.T_world_object.matrix(), state.scale, vertices, faces, self.world.truth,
-            bounds=self.prior.bounds(vertices),
         )  # fmt: skip
 
 

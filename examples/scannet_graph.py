@@ -52,8 +52,8 @@ class Arguments:
     views: int = 3
 
 
-def describe(instance, prior, state, covariance, mesh, sigma, views, seconds) -> MappedObject:
-    low, high = state.scale * prior.bounds(mesh.vertices)
+def describe(instance, state, covariance, mesh, sigma, views, seconds) -> MappedObject:
+    low, high = state.scale * np.asarray(mesh.bounds)
     return MappedObject(
         instance.id, instance.category, "mapped",
         T_world_object=state.T_world_object.matrix(), scale=state.scale, code=state.code,
@@ -130,7 +130,7 @@ def main(arguments: Arguments) -> None:
         covariance = marginals(graph, values, keys)
         mesh = extract_mesh(prior.decoder, state.code)
         sigma = surface_sigma(prior.decoder, state, covariance, np.asarray(mesh.vertices))
-        entries.append(describe(instance, prior, state, covariance, mesh, sigma, views, seconds[instance.id]))
+        entries.append(describe(instance, state, covariance, mesh, sigma, views, seconds[instance.id]))
     object_map = evaluated(ObjectMap(scan.name, tuple(entries), scan.up_world), dict(scan.ground_truth))
     object_map.save(arguments.out)
     map_picture(object_map, *scene_points(scan, range(len(scan.frames)), 8000), arguments.out / "map.png")

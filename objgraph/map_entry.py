@@ -41,7 +41,7 @@ def map_entry(
     state, covariance = estimate.state, estimate.covariance
     mesh = extract_mesh(prior.decoder, state.code, resolution=resolution)
     vertices = np.asarray(mesh.vertices)
-    low, high = state.scale * prior.bounds(vertices)
+    low, high = state.scale * np.asarray(mesh.bounds)
     return MappedObject(
         instance.id,
         instance.category,

@@ -247,7 +247,6 @@ def _measured(
             state.scale,
             vertices,
             np.asarray(mesh.faces),
-            task.prior.bounds(vertices),
         )
         if result.covariance is not None:
             known = box_pose(task.prior, state, result.covariance, vertices).covariance

@@ -178,8 +178,7 @@ def _evaluation(
 ) -> Evaluation:
     vertices, faces = np.asarray(mesh.vertices), np.asarray(mesh.faces)
     T = state.T_world_object.matrix()
-    bounds = seen.prior.bounds(vertices)
-    return evaluate_object(T, state.scale, vertices, faces, seen.truth, config.seed, bounds=bounds)
+    return evaluate_object(T, state.scale, vertices, faces, seen.truth, config.seed)
 
 
 def _uncertainty(

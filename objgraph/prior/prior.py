@@ -62,13 +62,6 @@ class ShapePrior:
         `tight` and all shapes fill one box, that one and some more."""
         return _LOOSE * self.box / 2 if tight and self.box is not None else BOX_HALF_SIZE
 
-    def bounds(self, p_object: Float[np.ndarray, "v 3"]) -> Float[np.ndarray, "2 3"]:
-        """Lowest and highest corner of an object's canonical box: that which all shapes fill, whatever the decoder has
-        drawn too short, or where there is none that of the vertices `p_object` of this one."""
-        if self.box is not None:
-            return np.stack([-self.box, self.box]) / 2
-        return np.stack([p_object.min(axis=0), p_object.max(axis=0)])
-
     @cached_property
     def starts(self) -> Float[np.ndarray, "k l"]:
         """The mean code, then the prototypes."""

@@ -184,19 +184,16 @@ def test_evaluation_is_a_step_of_its_own(toy_map):
     assert entry(toy_map, 1).evaluation is None
 
 
-def test_a_prior_s_own_box_is_the_object_s_size():
-    prior = toy_prior()
-    boxed, state = replace(prior, box=np.array([0.9, 0.8, 0.7])), toy_state()
+def test_an_entry_s_box_is_about_its_mesh():
+    state = toy_state()
     covariance = ObjectCovariance.diagonal(np.full(13, 1e-4), "marginals", "chair 1")
-    estimate = Found(state, covariance, 1.0, 0.5, 3, 4)
-    own: Any = map_entry(Instance(1, "chair"), boxed, estimate, [], 32)
-    np.testing.assert_allclose(own.size_m, state.scale * boxed.box)
-    np.testing.assert_array_equal(own.centre_m, np.zeros(3))
-    by_mesh: Any = map_entry(Instance(1, "chair"), prior, estimate, [], 32)
+    found: Any = map_entry(
+        Instance(1, "chair"), toy_prior(), Found(state, covariance, 1.0, 0.5, 3, 4), [], 32
+    )
     T = state.T_world_object
-    p_axes = by_mesh.vertices @ T.rotation().matrix() - T.rotation().unrotate(T.translation())
-    np.testing.assert_allclose(by_mesh.centre_m - by_mesh.size_m / 2, p_axes.min(axis=0), atol=1e-6)
-    np.testing.assert_allclose(by_mesh.centre_m + by_mesh.size_m / 2, p_axes.max(axis=0), atol=1e-6)
+    p_axes = found.vertices @ T.rotation().matrix() - T.rotation().unrotate(T.translation())
+    np.testing.assert_allclose(found.centre_m - found.size_m / 2, p_axes.min(axis=0), atol=1e-6)
+    np.testing.assert_allclose(found.centre_m + found.size_m / 2, p_axes.max(axis=0), atol=1e-6)
 
 
 def test_the_wrong_truth_is_told_from_the_right_one(toy_map):
