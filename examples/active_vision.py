@@ -263,6 +263,8 @@ def views_to_reach(errors: dict[int, float], goal: float) -> float | None:
 
 def summary(rows: list[dict[str, Any]], arguments: Arguments) -> dict[str, Any]:
     tried, rows = len({r["object"] for r in rows}), whole(rows, arguments)
+    if not rows:
+        raise SystemExit("no object was seen as often as every policy was to see it: give more --candidates")
     goal = curve(rows, "next_best", "chamfer_m").get(GOAL, -np.inf)
     taken = [r for r in rows if "expected" in r]
     return {

@@ -53,12 +53,11 @@ class Arguments:
 
 
 def describe(instance, state, covariance, mesh, sigma, views, seconds) -> MappedObject:
-    low, high = state.scale * np.asarray(mesh.bounds)
     return MappedObject(
         instance.id, instance.category, "mapped",
         T_world_object=state.T_world_object.matrix(), scale=state.scale, code=state.code,
         covariance=covariance.rigid, code_sigma=covariance.sigma[9:],
-        seconds=seconds, views=tuple(view.frame for view in views), size_m=high - low, centre_m=(low + high) / 2,
+        seconds=seconds, views=tuple(view.frame for view in views), size_m=state.scale * mesh.extents,
         vertices=state.to_world(np.asarray(mesh.vertices)), faces=np.asarray(mesh.faces), vertex_sigma=sigma,
     )  # fmt: skip
 

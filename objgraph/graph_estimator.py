@@ -55,7 +55,7 @@ class GraphEstimator:
         tasks, states = [attempt.task for attempt in attempts], [attempt.chosen.state for attempt in attempts]
         better: list[tuple[_Attempts, SingleObject, Turns]] = []
         for attempt, found in zip(attempts, quarter_turns(tasks, states, self.graph, config), strict=True):
-            if found is None or not np.isfinite(found.costs).any():
+            if found is None or not np.isfinite(found.costs[0]):
                 continue
             attempt.linearizations += found.linearizations
             attempt.error_evaluations += found.error_evaluations

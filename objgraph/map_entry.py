@@ -41,7 +41,6 @@ def map_entry(
     state, covariance = estimate.state, estimate.covariance
     mesh = extract_mesh(prior.decoder, state.code, resolution=resolution)
     vertices = np.asarray(mesh.vertices)
-    low, high = state.scale * np.asarray(mesh.bounds)
     return MappedObject(
         instance.id,
         instance.category,
@@ -56,8 +55,7 @@ def map_entry(
         linearizations=estimate.linearizations,
         error_evaluations=estimate.error_evaluations,
         views=tuple(view.frame for view in views),
-        size_m=high - low,
-        centre_m=(low + high) / 2,
+        size_m=state.scale * mesh.extents,
         turns=None if estimate.turns is None else estimate.turns.probability,
         prior=_reference(prior),
         vertices=state.to_world(vertices),

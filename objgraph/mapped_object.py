@@ -33,7 +33,6 @@ EVALUATION_KEYS = (
 _SHAPES: dict[str, tuple[int | None, ...]] = {
     **ESTIMATE_SHAPES,
     "size_m": (3,),
-    "centre_m": (3,),
     "turns": (4,),
     "vertices": (None, 3),
     "faces": (None, 3),
@@ -96,9 +95,7 @@ class MappedObject:
     views: tuple[str, ...] = ()
     """Names of the frames it was seen in and mapped from."""
     size_m: Float[np.ndarray, "3"] | None = None
-    """Edges of its box along the object's own axes: width (x), height (y), depth (z), metres."""
-    centre_m: Float[np.ndarray, "3"] | None = None
-    """Centre of that box from the origin of the object's frame, along the object's axes, metres."""
+    """Extents along the object's own axes: width (x), height (y), depth (z), metres."""
     turns: Float[np.ndarray, "4"] | None = None
     """Probabilities that it stands like this, or within the same box turned by a quarter, a half and three quarters about
     its up axis; None where no other heading comes near. The covariance is of this heading alone."""

@@ -4,9 +4,6 @@ import logging
 from collections.abc import Mapping
 from dataclasses import asdict, replace
 
-import numpy as np
-from jaxtyping import Float
-
 from objgraph.errors import EvaluationError
 from objgraph.evaluation.metrics import evaluate_object
 from objgraph.map import ObjectMap
@@ -38,17 +35,8 @@ def _evaluated(entry: MappedObject, truth: GroundTruth, seed: int) -> MappedObje
     R, t = entry.T_world_object[:3, :3], entry.T_world_object[:3, 3]
     p_object = (entry.vertices - t) @ R / entry.scale
     try:
-        errors = evaluate_object(
-            entry.T_world_object, entry.scale, p_object, entry.faces, truth, seed, bounds=_bounds(entry)
-        )
+        errors = evaluate_object(entry.T_world_object, entry.scale, p_object, entry.faces, truth, seed)
     except EvaluationError as error:
         log.warning("%s %d cannot be evaluated: %s", entry.category, entry.id, error)
         return wrong
     return replace(entry, evaluation=asdict(errors))
-
-
-def _bounds(entry: MappedObject) -> Float[np.ndarray, "2 3"] | None:
-    """Of the box that the map gives the object, canonical."""
-    if entry.size_m is None or entry.centre_m is None:
-        return None
-    return (entry.centre_m + np.outer([-0.5, 0.5], entry.size_m)) / np.asarray(entry.scale)

@@ -57,18 +57,13 @@ def evaluate_object(
     faces: Int[np.ndarray, "f 3"],
     truth: GroundTruth,
     seed: int = 0,
-    *,
-    bounds: Float[np.ndarray, "2 3"] | None = None,
 ) -> Evaluation:
     """Measure an estimate: rigid pose, metres per canonical unit along the object's axes, canonical mesh.
 
-    `bounds` are the corners of its canonical box (`ShapePrior.bounds`), the mesh's own where None.
     `seed` draws the points of the Chamfer distance. Raises `EvaluationError` where either side cannot be
     measured (empty, flat or non-finite mesh, non-rigid pose, unknown symmetry class).
     """
-    estimate = PlacedMesh(
-        "the estimate", np.asarray(T_world_object), np.asarray(scale), vertices, faces, bounds
-    )
+    estimate = PlacedMesh("the estimate", np.asarray(T_world_object), np.asarray(scale), vertices, faces)
     target = PlacedMesh.of_truth(truth)
     pose = pose_error(estimate, target, truth.symmetry)
     return Evaluation(

@@ -17,7 +17,7 @@ class PlacedMesh:
     """A mesh with p_world = T_world_object (scale * p_object).
 
     Raises `EvaluationError`, naming `label`, when the pose is not rigid, the scale not positive, or the mesh
-    empty, flat, not finite, or indexed beyond its vertices, or the box has no volume.
+    empty, flat, not finite, or indexed beyond its vertices.
     """
 
     label: str
@@ -25,13 +25,10 @@ class PlacedMesh:
     scale: Float[np.ndarray, "3"]
     vertices: Float[np.ndarray, "v 3"]
     faces: Int[np.ndarray, "f 3"]
-    bounds: Float[np.ndarray, "2 3"] | None = None
-    """Lowest and highest corner of the canonical box, where the object's is not that of its surface."""
 
     def __post_init__(self) -> None:
         _check_pose(self.label, self.T_world_object, self.scale)
         _check_mesh(self.label, self.vertices, self.faces)
-        _check_bounds(self.label, self.bounds)
 
     @staticmethod
     def of_truth(truth: GroundTruth) -> "PlacedMesh":
@@ -49,9 +46,7 @@ class PlacedMesh:
 
     @cached_property
     def bounds_metric(self) -> Float[np.ndarray, "2 3"]:
-        """Lowest and highest corner of the box in the object's axes, in metres."""
-        if self.bounds is not None:
-            return np.asarray(self.scale) * self.bounds
+        """Lowest and highest corner of the surface in the object's axes, in metres."""
         used = self.p_metric[np.unique(self.faces)]
         return np.stack([used.min(axis=0), used.max(axis=0)])
 
@@ -75,15 +70,6 @@ def _check_pose(label: str, T: np.ndarray, scale: np.ndarray) -> None:
         raise EvaluationError(f"{label}: T_world_object is not rigid; take the scale out of it")
     if np.shape(scale) != (3,) or not np.isfinite(scale).all() or np.min(scale) <= 0:
         raise EvaluationError(f"{label}: the scale must be three positive numbers, got {scale}")
-
-
-def _check_bounds(label: str, bounds: np.ndarray | None) -> None:
-    if bounds is None:
-        return
-    if np.shape(bounds) != (2, 3) or not np.isfinite(bounds).all() or not (bounds[1] > bounds[0]).all():
-        raise EvaluationError(
-            f"{label}: the box's corners must be lowest and highest, finite, (2, 3): {bounds}"
-        )
 
 
 def _check_mesh(label: str, vertices: np.ndarray, faces: np.ndarray) -> None:

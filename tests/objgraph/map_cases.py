@@ -52,7 +52,6 @@ def mapped(identifier: int = 1, seed: int = 0, **changes) -> MappedObject:
         "seconds_by_stage": {"initialise": 1.5, "solve": 3.0},
         "views": ("0", "12"),
         "size_m": rng.uniform(0.5, 2, 3),
-        "centre_m": rng.uniform(-0.1, 0.1, 3),
         "turns": rng.dirichlet(np.ones(4)),
         "prior": PriorReference("chair", "ab12"),
         "evaluation": dict.fromkeys(EVALUATION_KEYS, 0.5) | {"pose_correct": np.True_, "volume_iou": None},

@@ -194,28 +194,6 @@ def test_a_mesh_without_area_is_refused():
         chamfer_m(placed(needle), placed())
 
 
-def test_a_table_that_lost_its_legs_keeps_the_box_of_its_prior():
-    whole = table()
-    top = trimesh.creation.box(bounds=whole.bounds * [[1, 0, 1], [1, 1, 1]] + [[0, 0.17, 0], [0, 0, 0]])
-    T, scale = rigid((0.0, 0.4, 0.0), (1.0, 2.0, 3.0)), np.array([1.5, 2.0, 1.5])
-    truth = truth_of(whole, T, scale)
-    vertices, faces = np.asarray(top.vertices), np.asarray(top.faces)
-    by_mesh = evaluate_object(T, scale, vertices, faces, truth)
-    by_box = evaluate_object(T, scale, vertices, faces, truth, bounds=whole.bounds)
-    assert by_mesh.translation_m > 0.3
-    assert not by_mesh.pose_correct
-    assert by_box.pose_correct
-    assert by_box.translation_m == pytest.approx(0, abs=1e-9)
-    assert by_box.box_iou == pytest.approx(1, abs=1e-6)
-    assert (by_box.volume_iou, by_box.chamfer_m) == (by_mesh.volume_iou, by_mesh.chamfer_m)
-
-
-@pytest.mark.parametrize("bounds", [np.zeros((2, 3)), np.full((2, 3), np.nan), np.ones((2, 2))])
-def test_a_box_without_volume_is_refused(bounds):
-    with pytest.raises(EvaluationError, match="corners"):
-        evaluate_object(np.eye(4), np.ones(3), BOX.vertices, BOX.faces, truth_of(BOX), bounds=bounds)
-
-
 def test_scan2cad_models_evaluate_against_themselves(shared_data):
     from objgraph.datasets import scannet
 

@@ -36,7 +36,6 @@ JSON_NAMES = [
     "seconds_by_stage",
     "views",
     "size_m",
-    "centre_m",
     "turns",
     "mesh",
     "joint_covariance",

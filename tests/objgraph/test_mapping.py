@@ -14,12 +14,10 @@ from factors.state import ObjectState
 from objgraph import mapping
 from objgraph.adam import AdamConfig
 from objgraph.adam.terms import RaySteps
-from objgraph.covariance.labelled import ObjectCovariance
 from objgraph.errors import InitialisationError, ObservationError, SolveError
 from objgraph.evaluation.maps import evaluated
 from objgraph.initialise import InitialisationConfig
 from objgraph.map import ObjectMap
-from objgraph.map_entry import Found, map_entry
 from objgraph.mapping import MappingConfig, map_object, map_scan, scene_points
 from objgraph.object_factors import GraphConfig
 from objgraph.observation import GroundTruth, Instance, Scan
@@ -182,18 +180,6 @@ def test_evaluation_is_a_step_of_its_own(toy_map):
     assert entry(measured, 4).evaluation["pose_correct"] is False
     assert entry(measured, 5).evaluation is None
     assert entry(toy_map, 1).evaluation is None
-
-
-def test_an_entry_s_box_is_about_its_mesh():
-    state = toy_state()
-    covariance = ObjectCovariance.diagonal(np.full(13, 1e-4), "marginals", "chair 1")
-    found: Any = map_entry(
-        Instance(1, "chair"), toy_prior(), Found(state, covariance, 1.0, 0.5, 3, 4), [], 32
-    )
-    T = state.T_world_object
-    p_axes = found.vertices @ T.rotation().matrix() - T.rotation().unrotate(T.translation())
-    np.testing.assert_allclose(found.centre_m - found.size_m / 2, p_axes.min(axis=0), atol=1e-6)
-    np.testing.assert_allclose(found.centre_m + found.size_m / 2, p_axes.max(axis=0), atol=1e-6)
 
 
 def test_the_wrong_truth_is_told_from_the_right_one(toy_map):
