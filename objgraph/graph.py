@@ -17,7 +17,14 @@ from objgraph.covariance.marginals import Posterior
 from objgraph.diagnostics.undetermined import require_values
 from objgraph.errors import ObservationError, SolveError
 from objgraph.initialise import InitialisationConfig, guesses, rank
-from objgraph.object_factors import GraphConfig, floor_factor, ray_factor, state_priors, view_factors
+from objgraph.object_factors import (
+    GraphConfig,
+    box_factor,
+    floor_factor,
+    ray_factor,
+    state_priors,
+    view_factors,
+)
 from objgraph.prior.prior import ShapePrior
 from objgraph.prior.registry import prior_for
 from objgraph.sampling import ObjectView
@@ -77,7 +84,7 @@ class ObjectGraph:
         keys: ObjectKeys | None = None,
         name: str | None = None,
     ) -> ObjectHandle:
-        """Add an object's variables and the priors on its code, its scale and, where up is known, its lean.
+        """Add an object's variables and what is known beforehand of its code, its scale and, where up is known, its lean.
 
         `prior` is a shape prior or the name of a category. `start` is the first estimate, or views of the object
         from which to find one: each as seen from its own `T_world_camera` (`ObjectView.at` sets another). The views
@@ -99,6 +106,7 @@ class ObjectGraph:
         state.insert(self.values, handle.keys)
         for factor in state_priors(prior, handle.keys, self.config, up_world):
             self._push(handle, factor)
+        self.add_factors(handle, box_factor(prior, handle.keys, self.config))
         self.objects.append(handle)
         if views and self.floor is not None:
             self.stand_on_floor(handle)

@@ -9,6 +9,7 @@ from jaxtyping import Float
 
 from factors.base import ObservationFactor
 from factors.depth import DepthFactor, RaySampling
+from factors.filled_box import FilledBoxFactor
 from factors.floor import SPACING, FloorFactor, floor_share
 from factors.full_distribution import FullDistribution
 from factors.gaussian_depth import Deterministic, Probabilistic, Sampled
@@ -50,6 +51,9 @@ class GraphConfig:
     """Metres to which the floor's height is known."""
     floor_spacing: float = SPACING
     """Metres between the rays that find out what goes on under the floor."""
+    sides: float | None = 2.0
+    """How well shapes touch the sides of the box that all of the prior's fill, in standard deviations of its decoder;
+    None where they need not."""
     tight_box: bool = False
     """Whether rays are cut within the box that the prior's shapes fill, and not within a cube that holds any shape."""
 
@@ -120,6 +124,13 @@ def floor_factor(
         prior_sigma=prior.residual_sigma, weighting=_weighting(floor_share(config.floor_spacing), config),
         half_box=prior.half_box(config.tight_box),
     )  # fmt: skip
+
+
+def box_factor(prior: ShapePrior, keys: ObjectKeys, config: GraphConfig) -> list[FilledBoxFactor]:
+    """The object's shape is as large as the box that all of the prior's fill; nothing where they have none."""
+    if prior.box is None or config.sides is None:
+        return []
+    return [FilledBoxFactor(keys, prior.decoder, prior.box, config.sides * prior.residual_sigma)]
 
 
 def ray_factor(

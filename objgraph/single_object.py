@@ -7,6 +7,7 @@ import gtsam
 import numpy as np
 from jaxtyping import Float
 
+from factors.base import ObservationFactor
 from factors.state import ObjectKeys, ObjectState
 from objgraph.covariance.heading import HEADINGS, with_other_headings
 from objgraph.covariance.labelled import ObjectCovariance
@@ -15,6 +16,7 @@ from objgraph.errors import ObjectGraphError
 from objgraph.object_factors import (
     DetectedBox,
     GraphConfig,
+    box_factor,
     detection_priors,
     floor_factor,
     state_priors,
@@ -91,9 +93,10 @@ def single_object(
         graph.push_back(factor)
     for factor in [] if box is None else detection_priors(prior, _KEYS, box):
         graph.push_back(factor)
-    factors = [
+    factors: list[ObservationFactor] = [
         factor for view in views for factor in view_factors(prior, _KEYS, view, view.T_world_camera, config)
     ]
+    factors += box_factor(prior, _KEYS, config)
     if floor is not None and up_world is not None:
         factors.append(floor_factor(prior, _KEYS, up_world, floor, config))
     for factor in factors:

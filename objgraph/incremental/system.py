@@ -7,6 +7,8 @@ import numpy as np
 from gtsam.symbol_shorthand import X
 from jaxtyping import Float
 
+from factors.base import ObservationFactor
+from factors.filled_box import FilledBoxFactor
 from factors.linearized import carried_along
 from factors.state import ObjectState
 from objgraph.errors import SolveError
@@ -21,7 +23,7 @@ from objgraph.incremental.tracked import (
     linearize,
     linearize_frozen,
 )
-from objgraph.object_factors import floor_factor, state_priors, view_factors
+from objgraph.object_factors import box_factor, floor_factor, state_priors, view_factors
 from objgraph.sampling import ObjectView
 from objgraph.single_object import single_object
 from objgraph.solve import solve
@@ -68,12 +70,13 @@ class IncrementalSystem:
             for camera, view in placed
         ]
 
-    def on_floor(self, entry: TrackedObject) -> list[Observation]:
-        """What the floor says of a new object; empty where it is not known where the floor is."""
-        if self.floor is None:
-            return []
-        floor = floor_factor(entry.prior, entry.keys, self.up_world, self.floor, self.config.graph)
-        return [Observation([floor], None)]
+    def unseen(self, entry: TrackedObject) -> list[Observation]:
+        """What is known of a new object beside its views: of its box, and of the floor where that is known."""
+        graph = self.config.graph
+        factors: list[ObservationFactor] = [*box_factor(entry.prior, entry.keys, graph)]
+        if self.floor is not None:
+            factors.append(floor_factor(entry.prior, entry.keys, self.up_world, self.floor, graph))
+        return [Observation([factor], None) for factor in factors]
 
     def solved(
         self,
@@ -125,7 +128,7 @@ class IncrementalSystem:
         Raises:
             SolveError: it has no optimum near `state`, or the smoother fails; nothing has been changed.
         """
-        observations = [*self.observations(entry, placed), *self.on_floor(entry)]
+        observations = [*self.observations(entry, placed), *self.unseen(entry)]
         cameras = sorted({camera for camera, _ in placed})
         start = self.estimates([], cameras)
         state.insert(start, entry.keys)
@@ -289,7 +292,8 @@ class IncrementalSystem:
         for entry in self.objects:
             handle = objects.add_object(entry.prior, self.state(entry), keys=entry.keys, name=entry.name)
             for observation in entry.observations:
-                objects.add_factors(handle, observation.factors)
+                own = [f for f in observation.factors if not isinstance(f, FilledBoxFactor)]
+                objects.add_factors(handle, own)  # the box came with the object
         return objects
 
     def _prune(self, entry: TrackedObject) -> None:

@@ -22,11 +22,11 @@ _TRAVELLED = 0.05
 
 @dataclass
 class Observation:
-    """The factors of one view (or of the floor) on one object, and their quadratic in the smoother."""
+    """The factors of one view on one object, or what is known of it without one, and their quadratic in the smoother."""
 
     factors: list[ObservationFactor]
     view: ObjectView | None
-    """None for the floor."""
+    """None for what no view says: of the floor, of the box."""
     point: gtsam.Values = field(default_factory=gtsam.Values)
     """Where they were linearised."""
     quadratic: gtsam.LinearContainerFactor | None = None

@@ -131,7 +131,7 @@ def built(count: int, solved: list[tuple[ObjectState, ObjectView]]) -> Increment
         at = system.estimates([], [report.camera])
         here.insert(at, entry.keys)
         placed = [(report.camera, view)]
-        own = [*system.observations(entry, placed), *system.on_floor(entry)]
+        own = [*system.observations(entry, placed), *system.unseen(entry)]
         if i % PERIOD not in models:
             models[i % PERIOD] = linearize(own, at, system.slope)
         quadratics = [
