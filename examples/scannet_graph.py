@@ -18,6 +18,7 @@ from rich.progress import track
 
 from factors.base import Annealing
 from factors.depth import DepthFactor
+from factors.filled_box import FilledBoxFactor
 from factors.floor import FloorFactor
 from factors.full_distribution import FullDistribution
 from factors.priors import code_prior, scale_prior, upright_prior
@@ -105,6 +106,9 @@ def main(arguments: Arguments) -> None:
                     renderer=FullDistribution(), prior_sigma=prior.residual_sigma, weighting=Weighting("information", view.rays_share),
                 ),
             ]  # fmt: skip
+        # A code's shape is as large as the box that all shapes of the prior fill: the scales are then its size.
+        if prior.box is not None:
+            factors.append(FilledBoxFactor(keys, prior.decoder, prior.box, 2.0 * prior.residual_sigma))
         if floor is not None:  # nothing of an object lies below the floor: rays from underneath end at it
             factors.append(
                 FloorFactor(keys, prior.decoder, scan.up_world, floor, prior_sigma=prior.residual_sigma)

@@ -11,6 +11,7 @@ from torch import Tensor
 from factors.base import Annealing, ObservationFactor
 from factors.errors import FactorError
 from factors.reduce import Rows
+from factors.score import cauchy_root, cauchy_score
 from factors.sdf import SdfQuery, query_points
 from factors.sdf_decoder import SdfDecoder, SdfJet
 from factors.state import RIGID_DOF, ObjectKeys, ObjectState
@@ -80,7 +81,7 @@ class FilledBoxFactor(ObservationFactor):
         return self._query(values, self.points_camera())
 
     def loss_of(self, query: SdfQuery, value: Tensor) -> float:
-        return float(_cauchy(self._nearest(value).value / self._sigma).sum())
+        return float(cauchy_score(self._nearest(value).value / self._sigma, _TAIL).sum())
 
     def active(self, query: SdfQuery, value: Tensor) -> Tensor:
         return self._nearest(value).index
@@ -90,9 +91,9 @@ class FilledBoxFactor(ObservationFactor):
 
     def rows_of(self, query: SdfQuery, value: Tensor, jet: SdfJet) -> Rows:
         r = self._nearest(value).value / self._sigma
-        root = 1.0 / (1.0 + (r / _TAIL) ** 2).sqrt()
+        root = cauchy_root(r, _TAIL)
         jacobian = root[:, None] * self.sdf_jacobian(query, jet).double() / self._sigma
-        return Rows(jacobian, root * r, float(_cauchy(r).sum()))
+        return Rows(jacobian, root * r, float(cauchy_score(r, _TAIL).sum()))
 
     def _nearest(self, value: Tensor) -> _Nearest:
         least = value.double().reshape(SIDES, -1).min(dim=1)
@@ -102,11 +103,6 @@ class FilledBoxFactor(ObservationFactor):
     def _query(self, values: gtsam.Values, p_object: Float[np.ndarray, "n 3"]) -> SdfQuery:
         canonical = ObjectState(gtsam.Pose3(), np.zeros(3), self.state(values).code)
         return query_points(self.decoder, canonical, gtsam.Pose3(), p_object)
-
-
-def _cauchy(r: Float[Tensor, "n"]) -> Float[Tensor, "n"]:
-    """Score of a residual; half its square where it is small."""
-    return 0.5 * _TAIL**2 * torch.log1p((r / _TAIL) ** 2)
 
 
 def _sides(half: Float[np.ndarray, "3"]) -> Float[np.ndarray, "6 n 3"]:

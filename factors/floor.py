@@ -12,6 +12,7 @@ from factors.errors import FactorError
 from factors.rays import BOX_HALF_SIZE, Rays
 from factors.reduce import Rows
 from factors.rendering import Renderer
+from factors.score import cauchy_root, cauchy_score
 from factors.sdf import SdfQuery, sdf_jacobian
 from factors.sdf_decoder import SdfDecoder, SdfJet
 from factors.state import CAMERA_DOF, POSE_DOF, ObjectKeys, ObjectState
@@ -109,7 +110,7 @@ class FloorFactor(DepthFactor):
 
     def loss(self, values: gtsam.Values) -> float:
         gap = self._gap(self.state(values))
-        return super().loss(values) + (0.0 if gap is None else _cauchy(gap[0]))
+        return super().loss(values) + (0.0 if gap is None else float(cauchy_score(gap[0], _LIFTED)))
 
     def rows_of(self, query: SdfQuery, value: Tensor, jet: SdfJet) -> Rows:
         rows = super().rows_of(query, value, jet)
@@ -117,14 +118,12 @@ class FloorFactor(DepthFactor):
         if gap is None:
             return rows
         r, jacobian = gap
-        root = 1.0 / np.sqrt(1.0 + (r / _LIFTED) ** 2)
-        row = torch.as_tensor(root * jacobian, dtype=rows.jacobian.dtype)[None]
-        residual = torch.as_tensor([root * r], dtype=rows.residual.dtype)
-        return Rows(
-            torch.cat([rows.jacobian, row]), torch.cat([rows.residual, residual]), rows.loss + _cauchy(r)
-        )
+        root = cauchy_root(r, _LIFTED)
+        row, residual = (root * jacobian)[None].to(rows.jacobian), (root * r)[None].to(rows.residual)
+        loss = rows.loss + float(cauchy_score(r, _LIFTED))
+        return Rows(torch.cat([rows.jacobian, row]), torch.cat([rows.residual, residual]), loss)
 
-    def _gap(self, state: ObjectState) -> tuple[float, Float[np.ndarray, "d"]] | None:
+    def _gap(self, state: ObjectState) -> tuple[Float[Tensor, ""], Float[Tensor, "d"]] | None:
         """Height of the feet over the floor in standard deviations, and its derivative; None if it need not stand."""
         if self._stands is None:
             return None
@@ -135,12 +134,7 @@ class FloorFactor(DepthFactor):
         jacobian[:3], jacobian[3:6] = np.cross(foot, up_object), up_object
         jacobian[POSE_DOF + 1] = up_object @ foot
         sigma = np.hypot(self._sigma, _TOUCH)
-        return float(height / sigma), jacobian / sigma
-
-
-def _cauchy(r: float) -> float:
-    """Score of a residual; half its square where it is small."""
-    return 0.5 * _LIFTED**2 * float(np.log1p((r / _LIFTED) ** 2))
+        return torch.as_tensor(height / sigma), torch.as_tensor(jacobian / sigma)
 
 
 def camera_from_pose(T_world_object: gtsam.Pose3, T_world_camera: gtsam.Pose3) -> Float[np.ndarray, "6 6"]:

@@ -1,4 +1,4 @@
-"""The energy score of a one-dimensional Gaussian, exactly, and as a least-squares row.
+"""The energy score of a one-dimensional Gaussian, exactly, and as a least-squares row; and a score that lets go.
 
 A proper scoring rule (Gneiting & Raftery, JASA 2007); paper equ:es estimates it from samples.
 """
@@ -52,3 +52,13 @@ def energy_score_monte_carlo(
     noise = torch.randn(samples, *mu.shape, generator=generator, dtype=mu.dtype, device=mu.device)
     s = mu + sigma * noise
     return s.abs().mean(dim=0) - 0.5 * s.diff(dim=0).abs().mean(dim=0)
+
+
+def cauchy_score(r: Float[Tensor, "..."], tail: float) -> Float[Tensor, "..."]:
+    """Cauchy's loss of standardised residuals: half their square where they are small, let go beyond `tail`."""
+    return 0.5 * tail**2 * torch.log1p((r / tail) ** 2)
+
+
+def cauchy_root(r: Float[Tensor, "..."], tail: float) -> Float[Tensor, "..."]:
+    """w with w^2 r = dscore/dr: (w r)^2 / 2 + const touches `cauchy_score` at r and lies above it elsewhere."""
+    return (1.0 + (r / tail) ** 2).rsqrt()

@@ -10,6 +10,8 @@ from scipy.stats import norm
 
 from factors.errors import FactorError
 from factors.score import (
+    cauchy_root,
+    cauchy_score,
     energy_score,
     energy_score_gradient,
     energy_score_monte_carlo,
@@ -69,3 +71,17 @@ def test_weightings():
     )
     with pytest.raises(FactorError, match="amount"):
         Weighting("information", 1.5)
+
+
+@given(st.floats(-30, 30), st.floats(-30, 30), st.floats(0.5, 5))
+def test_cauchys_root_touches_its_score_and_lies_above_it(r, other, tail):
+    r, other = (
+        torch.tensor(r, dtype=torch.float64, requires_grad=True),
+        torch.tensor(other, dtype=torch.float64),
+    )
+    score, weight = cauchy_score(r, tail), cauchy_root(r, tail).square()
+    (gradient,) = torch.autograd.grad(score, r)
+    torch.testing.assert_close(gradient, (weight * r).detach())
+    quadratic = score + weight * (other.square() - r.square()) / 2
+    assert float(quadratic) >= float(cauchy_score(other, tail)) - 1e-9
+    assert float(cauchy_score(other, tail)) <= float(other.square()) / 2 + 1e-12
