@@ -51,7 +51,7 @@ class GraphEstimator:
         return single_object(task.prior, start, task.views, task.up_world, task.floor, self.graph, task.box)
 
     def _turn(self, attempts: Sequence["_Attempts"], config: QuarterTurnsConfig) -> None:
-        """Solve to the end what costs less turned, take it where it still does, and say how likely other headings are."""
+        """Solve to the end what costs less turned, take it where it still does by enough, and say how likely other headings are."""
         tasks, states = [attempt.task for attempt in attempts], [attempt.chosen.state for attempt in attempts]
         better: list[tuple[_Attempts, SingleObject, Turns]] = []
         for attempt, found in zip(attempts, quarter_turns(tasks, states, self.graph, config), strict=True):
@@ -67,8 +67,9 @@ class GraphEstimator:
         solve([single.problem for _, single, _ in better], self.solver)
         for attempt, single, turns in better:
             attempt.tried.append(single)
-            # few points often prefer a heading that all of them do not
-            if single.problem.failure is None and single.problem.cost < attempt.chosen.problem.cost:
+            # few points often prefer a heading that all of them do not, and less than a believed nat is chance
+            enough = attempt.chosen.problem.cost - config.temperature
+            if single.problem.failure is None and single.problem.cost < enough:
                 attempt.chosen, attempt.turns = single, turns
 
 

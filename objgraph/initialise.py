@@ -159,7 +159,8 @@ def rank(
     thin = [
         view.thinned(config.points // share, config.rays // share, seed=i) for i, view in enumerate(views)
     ]
-    settings = replace(graph_config, sampling=config.sampling)
+    # starting shapes fill their box: a few steps from them need not be told
+    settings = replace(graph_config, sampling=config.sampling, sides=None)
     singles = [single_object(prior, state, thin, up_world, floor, settings) for state in states]
     problems = [single.problem for single in singles]
     solve(problems, SolverConfig((config.slope,), 1, inner=config.inner))

@@ -75,7 +75,7 @@ class DetectedBox:
 
     def log_scale(self, prior: ShapePrior) -> Float[np.ndarray, "3"]:
         """At which the shapes of a prior fill the box."""
-        return np.log(self.size / (prior.start_extents[0] if prior.box is None else prior.box))
+        return np.log(self.size / prior.start_extents[0])
 
 
 _DETECTORS_LEAN = 0.3

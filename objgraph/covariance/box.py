@@ -71,10 +71,10 @@ def box_pose(
 ) -> BoxPose:
     """The object's box, with the covariance that `covariance` gives it and the prior's `misfit` added.
 
-    Every training shape of a prior with a `box` fills that box: scale times the box are then the extents, better on
-    synthetic objects than the mesh's own, which are drawn short, and worse where a code's shape does not fill the box, as
-    chairs of real scans (docs/covariances.md). Of any other prior it is the
-    box about `p_object`, the canonical vertices of the object's mesh, which are made where they are not given.
+    Every training shape of a prior with a `box` fills that box, and the graph holds codes to it: scale times the box are
+    then the extents, nearer to the true ones than those of the mesh, which are drawn short (docs/covariances.md). Of any
+    other prior it is the box about `p_object`, the canonical vertices of the object's mesh, which are made where they
+    are not given.
     By default the misfit is that of the prior's category. `turns` widen it by the other headings that the object may
     have: to the second moment of all about this one.
 

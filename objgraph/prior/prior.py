@@ -70,7 +70,10 @@ class ShapePrior:
 
     @cached_property
     def start_extents(self) -> Float[np.ndarray, "k 3"]:
-        """Canonical extents of the shapes of `starts`; NaN where a code has no surface."""
+        """Canonical extents of the shapes of `starts`: the box's where all fill one, whatever a mesh of theirs lacks; NaN
+        where a code has no surface."""
+        if self.box is not None:
+            return np.tile(np.asarray(self.box, float), (len(self.starts), 1))
         extents = np.full((len(self.starts), 3), np.nan)
         for i, code in enumerate(self.starts):
             with suppress(SolveError):

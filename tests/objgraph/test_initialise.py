@@ -139,6 +139,13 @@ def test_the_mean_shape_s_extents_are_the_prior_s():
     )
 
 
+def test_starting_shapes_of_one_box_have_its_extents():
+    """Whatever a coarse mesh of theirs lacks."""
+    box = np.array([0.5, 0.7, 0.6])
+    boxed = replace(toy_prior(), prototypes=np.array([[1.0, 0.0, 0.0, 0.0]]), box=box)
+    np.testing.assert_array_equal(boxed.start_extents, [box, box])
+
+
 def test_a_starting_shape_like_the_object_is_preferred():
     state = toy_state(code=(2.0, -2.0, 2.0, 0.0))
     views = [observe(toy_frame([state], a, str(i), seed=i), 1, SAMPLING) for i, a in enumerate((0.3, 2.0))]

@@ -51,6 +51,19 @@ def test_a_chair_that_was_found_the_wrong_way_round_is_turned(quarter):
     assert found.turns.probability[0] > 0.99
 
 
+def test_a_turn_that_is_cheaper_by_chance_is_not_taken():
+    """By less than a believed nat: of the same two costs a larger temperature makes one of chance."""
+    given = replace(task(starts=(turned(TRUE.retract(OFF), 2, PRIOR),)), prior=PRIOR)
+    plain = GraphEstimator(solver=SolverConfig(rounds=3), turns=None).estimate([given])[0]
+    unsure = replace(EVERY, temperature=1e6)
+    found = GraphEstimator(solver=SolverConfig(rounds=3), turns=unsure).estimate([given])[0]
+    assert isinstance(found, Estimate)
+    assert isinstance(plain, Estimate)
+    np.testing.assert_array_equal(found.state.code, plain.state.code)
+    assert found.turns is not None
+    np.testing.assert_allclose(found.turns.probability, 0.25, atol=1e-3)
+
+
 def test_a_chair_that_stands_right_stays():
     given = replace(task(starts=(TRUE.retract(OFF),)), prior=PRIOR)
     found = GraphEstimator(solver=SolverConfig(rounds=3), turns=EVERY).estimate([given])[0]
