@@ -57,17 +57,21 @@ class FilledBoxFactor(ObservationFactor):
         self._sides = _sides(box / 2)
         self._sigma = sigma
         self._p_object: Float[np.ndarray, "n 3"] | None = None
+        self._frozen_at: bytes | None = None
 
     @property
     def is_frozen(self) -> bool:
         return self._p_object is not None
 
     def refresh(self, values: gtsam.Values, annealing: Annealing = Annealing()) -> None:  # noqa: B008
+        if (place := self.state(values).code.tobytes()) == self._frozen_at:
+            return
         query = self._query(values, self._sides.reshape(-1, 3))
         with torch.no_grad():
             distance = self.decoder(query.p_object, query.code[None]).reshape(SIDES, -1)
         nearest = distance.topk(_NEAREST, dim=1, largest=False).indices.cpu().numpy()
         self._p_object = np.take_along_axis(self._sides, nearest[:, :, None], axis=1).reshape(-1, 3)
+        self._frozen_at = place if distance.isfinite().all() else None
 
     def points_camera(self) -> np.ndarray:
         """In the object's canonical frame: the camera is the object's own."""

@@ -129,3 +129,13 @@ def test_a_code_of_another_length_is_refused():
     factor = FilledBoxFactor(KEYS, make_decoder(), np.ones(3), SIGMA)
     with pytest.raises(FactorError, match="length 3"):
         factor.loss(values_of(np.zeros(3)))
+
+
+def test_frozen_again_at_the_same_code_it_asks_for_nothing(monkeypatch):
+    """Pose, scale and slope say nothing to it."""
+    factor = FilledBoxFactor(KEYS, make_decoder(), 0.8 * np.ones(3), SIGMA)
+    factor.refresh(values_of(np.zeros(CODE_LENGTH)), Annealing(60.0))
+    monkeypatch.setattr(factor, "_query", lambda *_: pytest.fail("decoded again"))
+    factor.refresh(values_of(np.zeros(CODE_LENGTH), seed=1), Annealing(400.0))
+    with pytest.raises(pytest.fail.Exception, match="decoded again"):
+        factor.refresh(values_of(0.1 * np.ones(CODE_LENGTH)), Annealing(400.0))
