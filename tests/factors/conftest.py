@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 import torch
 
+from factors.base import ObservationFactor
 from factors.decoder import Decoder, DecoderConfig
 from factors.state import ObjectKeys, ObjectState
 
@@ -68,3 +69,12 @@ def random_camera(rng: np.random.Generator, distance: float = 2.5) -> gtsam.Pose
     """T_world_camera of a camera near (0, 0, -distance) that looks at the world's origin."""
     rotation = gtsam.Rot3.Expmap(rng.normal(size=3) * 0.1)
     return gtsam.Pose3(rotation, np.array([0, 0, -distance]) + rng.normal(size=3) * 0.1)
+
+
+def assert_gtsam_has(factor: ObservationFactor, values: gtsam.Values, gradient: np.ndarray) -> None:
+    """The factor's loss, and this as its gradient."""
+    graph = gtsam.NonlinearFactorGraph()
+    graph.push_back(factor.gtsam_factor())
+    assert graph.error(values) == pytest.approx(factor.loss(values), rel=1e-9)
+    A, b = graph.linearize(values).at(0).jacobian()
+    np.testing.assert_allclose(-A.T @ b, gradient, rtol=1e-7, atol=1e-7 * np.abs(gradient).max())
