@@ -18,7 +18,6 @@ from rich.console import Console
 from rich.progress import track
 
 from factors.depth import DepthFactor
-from factors.filled_box import FilledBoxFactor
 from factors.floor import FloorFactor, floor_share
 from factors.full_distribution import FullDistribution
 from factors.priors import code_prior, placed_prior, scale_prior, sized_prior, upright_prior
@@ -72,7 +71,7 @@ def car_graph(frame, detection, prior, keys):
     graph.push_back(sized_prior(keys, log_scale, 0.08))
     graph.push_back(upright_prior(keys, up, sigma=0.05))
 
-    # What the scan says: returns lie on the surface, beams end there or pass by, the shape fills its box, the wheels stand on the road.
+    # What the scan says: returns lie on the surface, beams end there or pass by, the wheels stand on the road.
     prior_sigma = prior.residual_sigma
     factors = [
         SurfaceFactor(
@@ -83,7 +82,6 @@ def car_graph(frame, detection, prior, keys):
             keys, prior.decoder, view.T_world_camera, view.rays, renderer=FullDistribution(),
             prior_sigma=prior_sigma, weighting=Weighting("information", view.rays_share),
         ),
-        FilledBoxFactor(keys, prior.decoder, prior.box, 2.0 * prior_sigma),
     ]  # fmt: skip
     if road is not None:
         factors.append(
