@@ -11,6 +11,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
+from factors.affine import through
 from factors.errors import FactorError
 from factors.sdf_decoder import LinearInjection
 
@@ -71,11 +72,11 @@ class Decoder(LinearInjection):
     ) -> Float[Tensor, "n"]:
         activation = _ACTIVATIONS[self.config.activation]
         features = self._features(points)
-        h = activation(self.from_point["0"](features) + injected["0"])
+        h = activation(through(self.from_point["0"], features) + injected["0"])
         for i, linear in enumerate(self.hidden, start=1):
-            pre = linear(h)
+            pre = through(linear, h)
             if str(i) in injected:
-                pre = pre + self.from_point[str(i)](features) + injected[str(i)]
+                pre = pre + through(self.from_point[str(i)], features) + injected[str(i)]
             h = activation(pre)
         return self.output(h).squeeze(-1)
 

@@ -9,6 +9,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
+from factors.affine import through
 from factors.errors import FactorError
 from factors.sdf_decoder import LinearInjection
 
@@ -91,9 +92,9 @@ class DeepSdfDecoder(LinearInjection):
         last = len(self.bias) - 1
         for i, bias in enumerate(self.bias):
             layer = str(i)
-            pre = self.hidden[layer](h) + bias if i else bias
+            pre = through(self.hidden[layer], h, bias) if i else bias
             if layer in self.from_point:
-                pre = pre + self.from_point[layer](points)
+                pre = pre + through(self.from_point[layer], points)
             if layer in injected:
                 pre = pre + injected[layer]
             if layer in self.norm:

@@ -1,0 +1,53 @@
+"""Layers by oneDNN: the product's definition, its gradients, and weights that are trained."""
+
+import hypothesis.strategies as st
+import pytest
+import torch
+from hypothesis import given
+from torch import nn
+
+from factors.affine import affine
+
+
+def drawn(seed: int, *shape: int) -> torch.Tensor:
+    return torch.randn(*shape, generator=torch.Generator().manual_seed(seed))
+
+
+@given(n=st.integers(0, 40), i=st.integers(1, 70), o=st.integers(1, 70), biased=st.booleans())
+def test_it_is_the_product(n: int, i: int, o: int, biased: bool) -> None:
+    x, weight, bias = drawn(0, n, i), drawn(1, o, i), drawn(2, o) if biased else None
+    exact = x.double() @ weight.double().T + (bias.double() if bias is not None else 0.0)
+    assert affine(x, weight, bias).shape == (n, o)
+    torch.testing.assert_close(affine(x, weight, bias).double(), exact, rtol=1e-5, atol=1e-4)
+
+
+def test_single_precision_alone_takes_the_short_cut() -> None:
+    x, weight = drawn(0, 20, 256).double(), drawn(1, 30, 256).double()
+    torch.testing.assert_close(affine(x, weight), x @ weight.T, rtol=1e-14, atol=1e-12)
+
+
+@pytest.mark.parametrize("through", [True, False])
+def test_the_gradient_is_the_derivative_of_the_product(through: bool) -> None:
+    x = drawn(0, 7, 5).requires_grad_()
+    weight, upstream = drawn(1, 3, 5), drawn(2, 7, 3)
+    layer = affine(x, weight) if through else affine(x.relu(), weight)
+    (found,) = torch.autograd.grad((layer * upstream).sum(), x)
+    exact = upstream @ weight
+    torch.testing.assert_close(found, exact if through else exact * (x > 0))
+
+
+def test_gradients_of_gradients_pass() -> None:
+    x, weight = drawn(0, 7, 5).requires_grad_(), drawn(1, 3, 5)
+    value = (affine(x, weight) ** 2).sum()
+    (first,) = torch.autograd.grad(value, x, create_graph=True)
+    (second,) = torch.autograd.grad(first.sum(), x)
+    torch.testing.assert_close(second, (2 * weight.T @ weight).sum(0).expand(7, 5))
+
+
+def test_weights_that_are_trained_get_their_gradient() -> None:
+    layer, x = nn.Linear(5, 3), drawn(0, 7, 5)
+    affine(x, layer.weight, layer.bias).sum().backward()
+    assert layer.weight.grad is not None
+    assert layer.bias.grad is not None
+    torch.testing.assert_close(layer.weight.grad, x.sum(0).expand(3, 5))
+    torch.testing.assert_close(layer.bias.grad, torch.full((3,), 7.0))
