@@ -48,6 +48,8 @@ class Estimate:
     """Evaluations of loss and derivatives."""
     error_evaluations: int
     """Evaluations of the loss alone."""
+    view_cost: float | None = None
+    """Nats that a view costs at the estimate; None where the objective is no likelihood."""
     turns: Turns | None = None
     """How likely the object stands otherwise; None where no quarter turn of it has a chance, or none was tried."""
 

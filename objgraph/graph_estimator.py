@@ -115,5 +115,6 @@ class _Attempts:
             problem.cost,
             self.linearizations + sum(single.problem.linearizations for single in self.tried),
             self.error_evaluations + sum(single.problem.error_evaluations for single in self.tried),
+            problem.cost / len(self.task.views),
             self.turns,
         )

@@ -148,6 +148,13 @@ class MappedObject:
         return None if self.turns is None else Turns(self.turns)
 
     @property
+    def view_cost(self) -> float | None:
+        """Nats that a view costs, for `box_pose`; None of another estimator than the graph."""
+        if self.estimator != "graph" or self.cost_final is None or not self.views:
+            return None
+        return self.cost_final / len(self.views)
+
+    @property
     def uncertainty(self) -> ObjectCovariance:
         """The joint covariance; raises MapError where the map has none."""
         if self.joint_covariance is None:

@@ -190,8 +190,9 @@ def _uncertainty(
     errors = surface_errors(seen.prior, estimate.state, estimate.covariance, seen.truth, points, seed)
     kept = errors.some(config.kept_points, config.seed)
     box = box_pose(
-        seen.prior, estimate.state, estimate.covariance, np.asarray(mesh.vertices), turns=estimate.turns
-    )
+        seen.prior, estimate.state, estimate.covariance, np.asarray(mesh.vertices),
+        turns=estimate.turns, view_cost=estimate.view_cost,
+    )  # fmt: skip
     off = box_error(box, seen.truth)
     return {
         "pearson": errors.pearson,

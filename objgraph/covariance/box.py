@@ -21,6 +21,10 @@ _FACING = 0.9
 """Cosine between the surface's normal and the side's above which it tells how the side moves."""
 
 
+_LEAST = 0.25
+"""Of what views usually cost: a lucky one makes no object certain."""
+
+
 @dataclass(frozen=True)
 class BoxMisfit:
     """How far the box of a real object lies from that of the best shape that a prior can make of it.
@@ -34,11 +38,24 @@ class BoxMisfit:
     """Standard deviation of the logarithms of width and depth: legs splay, backs lean, arms reach out."""
     log_height: float = 0.007
     """Standard deviation of the height's logarithm: the floor is known, and tops are seen."""
+    marginals: float = 1.0
+    """Factor on the variances that the marginals give the box."""
+    view_cost: float = 50.0
+    """Nats that a view of an object usually costs. Of one that costs more the prior makes less, and all variances are as
+    many times larger: the variance of unit weight of least squares, a posteriori (Mikhail, "Observations and Least
+    Squares", 1976)."""
+
+    def share(self, view_cost: float | None) -> float:
+        """Factor on all variances of an object whose views cost so much; one where that is not known."""
+        return 1.0 if view_cost is None else max(view_cost / self.view_cost, _LEAST)
 
 
-_MISFITS = {"chair": BoxMisfit(0.0077, 0.087, 0.0038), "table": BoxMisfit(0.0026, 0.056, 0.0082)}
-"""The likeliest on development objects, variances half as large again because tails are heavier than a Gaussian's
-(docs/covariances.md); of both categories together for any other."""
+_MISFITS = {
+    "chair": BoxMisfit(0.0046, 0.0544, 0.001, 1.78, 58.9),
+    "table": BoxMisfit(0.0002, 0.0428, 0.0005, 2.49, 48.4),
+}
+"""The likeliest on development objects, variances a fifth larger because tails are heavier than a Gaussian's
+(docs/covariances.md)."""
 
 
 BOX_AXES = (
@@ -68,6 +85,7 @@ def box_pose(
     p_object: Float[np.ndarray, "v 3"] | None = None,
     misfit: BoxMisfit | None = None,
     turns: Turns | None = None,
+    view_cost: float | None = None,
 ) -> BoxPose:
     """The object's box, with the covariance that `covariance` gives it and the prior's `misfit` added.
 
@@ -75,8 +93,9 @@ def box_pose(
     then the extents, nearer to the true ones than those of the mesh, which are drawn short (docs/covariances.md). Of any
     other prior it is the box about `p_object`, the canonical vertices of the object's mesh, which are made where they
     are not given.
-    By default the misfit is that of the prior's category. `turns` widen it by the other headings that the object may
-    have: to the second moment of all about this one.
+    By default the misfit is that of the prior's category; `view_cost`, nats a view at the estimate, says how well the
+    prior makes this object. `turns` widen the covariance by the other headings that the object may have: to the second
+    moment of all about this one.
 
     Raises:
         SolveError: the code has no surface, or no surface faces one of the sides.
@@ -94,12 +113,11 @@ def box_pose(
     extents_sigma = [misfit.log_level, misfit.log_height, misfit.log_level]
     added = np.diag(np.square([0.0] * 3 + [misfit.centre] * 3 + extents_sigma))
     known = covariance.mapped(jacobian, BOX_AXES)
+    matrix = misfit.share(view_cost) * (misfit.marginals * known.matrix + added)
     if turns is not None:
-        added += turns.second_moment(extents)
+        matrix += turns.second_moment(extents)
     return BoxPose(
-        gtsam.Pose3(state.T_world_object.rotation(), centre),
-        extents,
-        replace(known, matrix=known.matrix + added),
+        gtsam.Pose3(state.T_world_object.rotation(), centre), extents, replace(known, matrix=matrix)
     )
 
 

@@ -9,6 +9,7 @@ import pytest
 from factors.state import ObjectState
 from objgraph.covariance.box import BOX_AXES, BoxMisfit, box_jacobian, box_pose
 from objgraph.covariance.labelled import ObjectCovariance
+from objgraph.covariance.turns import Turns
 from objgraph.errors import SolveError
 from tests.toys import ToyDecoder, toy_mesh, toy_prior, toy_state
 
@@ -65,6 +66,23 @@ def test_a_prior_whose_shapes_fill_a_box_has_that_one():
         more.sigma**2 - found.covariance.sigma**2, [0] * 3 + [0.0009] * 3 + [0.16, 0.01, 0.16], atol=1e-12
     )
     assert (more.source, more.subject) == ("marginals", "chair 1")
+
+
+def test_an_object_that_the_prior_makes_badly_is_known_worse():
+    prior, state = replace(toy_prior(), box=np.array([0.5, 0.7, 0.4])), toy_state()
+    misfit = BoxMisfit(0.03, 0.4, 0.1, marginals=1.5, view_cost=40.0)
+
+    def matrix(view_cost: float | None, turns: Turns | None = None) -> np.ndarray:
+        found = box_pose(prior, state, COVARIANCE, misfit=misfit, view_cost=view_cost, turns=turns)
+        return found.covariance.matrix
+
+    usual = 1.5 * COVARIANCE.rigid + np.diag([0] * 3 + [0.0009] * 3 + [0.16, 0.01, 0.16])
+    np.testing.assert_allclose(matrix(40.0), usual)
+    np.testing.assert_allclose(matrix(None), usual)
+    np.testing.assert_allclose(matrix(100.0), 2.5 * usual)
+    np.testing.assert_allclose(matrix(0.0), 0.25 * usual)
+    turns = Turns(np.array([0.6, 0.1, 0.2, 0.1]))  # whose chances do not depend on it
+    np.testing.assert_allclose(matrix(100.0, turns) - matrix(100.0), matrix(40.0, turns) - matrix(40.0))
 
 
 def test_points_that_face_no_side_are_refused():
