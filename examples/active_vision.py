@@ -5,9 +5,10 @@
 
 Each object stands in a room of its own and is seen once. Then the next view is chosen among 100 cameras that can be held
 about it: by the information that the graph expects of each, at random, or evenly about the object. After each view the
-object is estimated anew. `metrics.json`: how many views chance and even spreading need for the surface error that the
-expected information reaches with four, and how well expected and realised information go together. Finished objects
-are not run again.
+object is estimated anew. `metrics.json`: how many views chance and even spreading need for the mean error of surfaces
+(`views_*`) and of the boxes' corners (`views_*_box`) that the expected information reaches with four, where `reached`
+says whether they do at all, and how well expected and realised information go together, over all views and over those
+after which the object stands as before (within 45 degrees). Finished objects are not run again.
 """
 
 import itertools
@@ -34,9 +35,12 @@ from objgraph.active.next_view import Criterion, ViewConfig, ViewGain, next_view
 from objgraph.active.picture import sphere_picture
 from objgraph.benchmark.cases import UP, BenchmarkConfig, Case, World, synthetic_cases
 from objgraph.benchmark.viewpoints import intrinsics
+from objgraph.comparison.calibration import RIGHT_MODE_DEG
+from objgraph.covariance.box import box_pose
 from objgraph.errors import ObjectGraphError, ObservationError
 from objgraph.estimation import Estimate, EstimationTask
-from objgraph.evaluation.metrics import Evaluation, evaluate_object
+from objgraph.evaluation.box_error import box_error, corners_m
+from objgraph.evaluation.metrics import evaluate_object
 from objgraph.graph_estimator import GraphEstimator
 from objgraph.initialise import InitialisationConfig, guesses, rank
 from objgraph.mapping import scene_floor
@@ -125,14 +129,15 @@ class Subject:
         assert estimate.covariance is not None
         return known_object(self.case.id, self.prior, estimate.state, estimate.covariance)
 
-    def measure(self, estimate: Estimate) -> Evaluation:
+    def measure(self, estimate: Estimate) -> dict[str, Any]:
         """Against the truth, of which nothing else here knows."""
-        state = estimate.state
+        assert estimate.covariance is not None
+        state, truth = estimate.state, self.world.truth
         mesh = extract_mesh(self.prior.decoder, state.code)
         vertices, faces = np.asarray(mesh.vertices), np.asarray(mesh.faces)
-        return evaluate_object(
-            state.T_world_object.matrix(), state.scale, vertices, faces, self.world.truth,
-        )  # fmt: skip
+        of_mesh = evaluate_object(state.T_world_object.matrix(), state.scale, vertices, faces, truth)
+        box = box_pose(self.prior, state, estimate.covariance, vertices)
+        return {**asdict(of_mesh), "box_m": corners_m(box, box_error(box, truth))}
 
 
 def subject(case: Case, arguments: Arguments) -> Subject:
@@ -166,9 +171,14 @@ def realised(before: Estimate, after: Estimate) -> float:
     return 0.5 * (spreads[0] - spreads[1])
 
 
+def turned(before: ObjectState, after: ObjectState) -> float:
+    """Angle between two poses of an object, degrees."""
+    between = before.T_world_object.rotation().between(after.T_world_object.rotation())
+    return float(np.degrees(np.linalg.norm(gtsam.Rot3.Logmap(between))))
+
+
 def row(item: Subject, policy: str, views: int, estimate: Estimate, **more: float) -> dict[str, Any]:
-    measured = item.measure(estimate)
-    return {"object": item.case.id, "policy": policy, "views": views, **asdict(measured), **more}
+    return {"object": item.case.id, "policy": policy, "views": views, **item.measure(estimate), **more}
 
 
 def one_by_one(item: Subject, policy: str, begun: Estimate, arguments: Arguments) -> list[dict[str, Any]]:
@@ -189,7 +199,11 @@ def one_by_one(item: Subject, policy: str, begun: Estimate, arguments: Arguments
             break
         views.append(view)
         before, estimate = estimate, item.estimate(views, estimate.state)
-        gains = {"expected": best.objects[item.case.id].information, "realised": realised(before, estimate)}
+        gains = {
+            "expected": best.objects[item.case.id].information,
+            "realised": realised(before, estimate),
+            "turned_deg": turned(before.state, estimate.state),
+        }
         rows.append(row(item, policy, len(views), estimate, **gains))
     return rows
 
@@ -251,33 +265,49 @@ def whole(rows: list[dict[str, Any]], arguments: Arguments) -> list[dict[str, An
     return [r for r in rows if had[r["object"]] >= wanted]
 
 
-def views_to_reach(errors: dict[int, float], goal: float) -> float | None:
-    """Number of views at which the error first is as small as `goal`, between whole ones; None if it never is."""
+def views_to_reach(errors: dict[int, float], goal: float) -> tuple[float, bool]:
+    """Number of views at which the error first is as small as `goal`, between whole ones; all, and False, if it never is."""
     counts = sorted(errors)
     for before, after in itertools.pairwise(counts):
         if errors[after] <= goal:
             share = (errors[before] - goal) / max(errors[before] - errors[after], 1e-12)
-            return float(before + (after - before) * np.clip(share, 0.0, 1.0))
-    return None
+            return float(before + (after - before) * np.clip(share, 0.0, 1.0)), True
+    return float(counts[-1]), False
+
+
+def compared(rows: list[dict[str, Any]], name: str, ending: str) -> dict[str, Any]:
+    """Views that the other policies need for the policy's mean error, by one measure."""
+    goal = curve(rows, POLICIES[0], name).get(GOAL, -np.inf)
+    needed = {policy: views_to_reach(curve(rows, policy, name), goal) for policy in POLICIES[1:]}
+    return {
+        **{f"views_{policy}{ending}": count for policy, (count, _) in needed.items()},
+        f"reached{ending}": {policy: reached for policy, (_, reached) in needed.items()},
+    }
+
+
+def correlation(taken: list[dict[str, Any]]) -> float | None:
+    """Of expected and realised information."""
+    if len(taken) < 2:
+        return None
+    return float(np.corrcoef([[r["expected"], r["realised"]] for r in taken], rowvar=False)[0, 1])
 
 
 def summary(rows: list[dict[str, Any]], arguments: Arguments) -> dict[str, Any]:
     tried, rows = len({r["object"] for r in rows}), whole(rows, arguments)
     if not rows:
         raise SystemExit("no object was seen as often as every policy was to see it: give more --candidates")
-    goal = curve(rows, "next_best", "chamfer_m").get(GOAL, -np.inf)
     taken = [r for r in rows if "expected" in r]
     return {
         "objects": len({r["object"] for r in rows}),
         "objects_left_out": tried - len({r["object"] for r in rows}),
         "views_next_best": GOAL,
-        **{f"views_{p}": views_to_reach(curve(rows, p, "chamfer_m"), goal) for p in ("random", "even")},
-        "gain_correlation": float(
-            np.corrcoef([[r["expected"], r["realised"]] for r in taken], rowvar=False)[0, 1]
-        ),
+        **compared(rows, "chamfer_m", ""),
+        **compared(rows, "box_m", "_box"),
+        "gain_correlation": correlation(taken),
+        "gain_correlation_same_mode": correlation([r for r in taken if r["turned_deg"] <= RIGHT_MODE_DEG]),
         "curves": {
             name: {policy: curve(rows, policy, name) for policy in POLICIES}
-            for name in ("chamfer_m", "translation_m", "rotation_deg", "scale_pct_max")
+            for name in ("chamfer_m", "box_m", "translation_m", "rotation_deg", "scale_pct_max")
         },
         "settings": settings(arguments),
     }
@@ -290,7 +320,7 @@ def settings(arguments: Arguments) -> dict[str, str]:
 
 def draw(metrics: dict[str, Any], path: Path) -> None:
     figure, axes = plt.subplots(1, 3, figsize=(12, 3.6), layout="constrained")
-    labels = {"chamfer_m": ("Chamfer (cm)", 100), "translation_m": ("translation (cm)", 100),
+    labels = {"chamfer_m": ("Chamfer (cm)", 100), "box_m": ("error of box corners (cm)", 100),
               "scale_pct_max": ("worst extent (%)", 1)}  # fmt: skip
     for axis, (name, (label, factor)) in zip(axes, labels.items(), strict=True):
         for policy in POLICIES:

@@ -40,7 +40,10 @@ def the_next_view_is_chosen(out: Path) -> None:
     metrics = json.loads((out / "metrics.json").read_text())
     assert (metrics["objects"], metrics["views_next_best"]) == (1, 4)
     assert -1 <= metrics["gain_correlation"] <= 1
-    assert {"views_random", "views_even"} <= set(metrics)
+    for measure in ("", "_box"):
+        needed = {policy: metrics[f"views_{policy}{measure}"] for policy in ("random", "even")}
+        assert all(1 <= count <= 2 for count in needed.values())
+        assert set(metrics[f"reached{measure}"]) == set(needed)
     assert set(metrics["curves"]["chamfer_m"]["next_best"]) == {"1", "2", "3", "4"}
     for name in ("information.png", "active_vision.png"):
         assert (out / name).stat().st_size > 10_000

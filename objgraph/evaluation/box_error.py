@@ -43,3 +43,11 @@ def box_error(box: BoxPose, truth: GroundTruth) -> BoxError:
     extents = np.log(align_extents(placed.extents, yaw) / box.extents)
     heading = np.degrees(np.arctan2(R[0, 2] - R[2, 0], R[0, 0] + R[2, 2]))
     return BoxError(np.concatenate([rotation, centre, extents]), float(abs(heading)))
+
+
+def corners_m(box: BoxPose, error: BoxError) -> float:
+    """Mean distance of an estimated box's corners from those of the true one: all nine degrees of freedom in metres."""
+    corner = np.stack(np.meshgrid(*[[-0.5, 0.5]] * 3, indexing="ij"), axis=-1).reshape(8, 3) * box.extents
+    R = gtsam.Rot3.Expmap(error.tangent[:3]).matrix()
+    true = (corner * np.exp(error.tangent[6:])) @ R.T + error.tangent[3:6]
+    return float(np.linalg.norm(true - corner, axis=1).mean())

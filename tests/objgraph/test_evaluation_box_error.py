@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from objgraph.covariance.box import BOX_AXES, BoxPose
 from objgraph.covariance.labelled import LabelledCovariance
-from objgraph.evaluation.box_error import box_error
+from objgraph.evaluation.box_error import box_error, corners_m
 from objgraph.observation import GroundTruth
 
 COVARIANCE = LabelledCovariance(np.eye(9), BOX_AXES, "marginals")
@@ -56,6 +56,21 @@ def test_the_truths_centre_is_its_boxs():
     pose = some_pose(1)
     found = box_error(BoxPose(pose, EXTENTS, COVARIANCE), truth(pose, offset=(0.1, 0.0, -0.05)))
     np.testing.assert_allclose(found.tangent, [0, 0, 0, 0.12, 0, -0.06, 0, 0, 0], atol=1e-12)
+
+
+@given(st.integers(0, 1000))
+def test_corners_are_as_far_apart_as_those_of_the_two_boxes(seed):
+    estimate, tangent = some_pose(seed), np.random.default_rng(seed).uniform(-0.3, 0.3, 9)
+    T, extents = moved(estimate, tangent)
+    mesh = trimesh.creation.box(extents)
+    ground = GroundTruth(T.matrix(), np.ones(3), np.asarray(mesh.vertices), np.asarray(mesh.faces), 1)
+    box = BoxPose(estimate, EXTENTS, COVARIANCE)
+    signs = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
+    apart = [
+        np.linalg.norm(estimate.transformFrom(sign * EXTENTS) - T.transformFrom(sign * extents))
+        for sign in signs
+    ]
+    assert corners_m(box, box_error(box, ground)) == pytest.approx(np.mean(apart))
 
 
 def test_a_round_object_has_no_heading():
