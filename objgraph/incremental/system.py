@@ -7,8 +7,6 @@ import numpy as np
 from gtsam.symbol_shorthand import X
 from jaxtyping import Float
 
-from factors.base import ObservationFactor
-from factors.filled_box import FilledBoxFactor
 from factors.linearized import carried_along
 from factors.state import ObjectState
 from objgraph.errors import SolveError
@@ -73,10 +71,14 @@ class IncrementalSystem:
     def unseen(self, entry: TrackedObject) -> list[Observation]:
         """What is known of a new object beside its views: of its box, and of the floor where that is known."""
         graph = self.config.graph
-        factors: list[ObservationFactor] = [*box_factor(entry.prior, entry.keys, graph)]
+        known = [
+            Observation([factor], None, of_prior=True)
+            for factor in box_factor(entry.prior, entry.keys, graph)
+        ]
         if self.floor is not None:
-            factors.append(floor_factor(entry.prior, entry.keys, self.up_world, self.floor, graph))
-        return [Observation([factor], None) for factor in factors]
+            floor = floor_factor(entry.prior, entry.keys, self.up_world, self.floor, graph)
+            known.append(Observation([floor], None))
+        return known
 
     def solved(
         self,
@@ -292,8 +294,8 @@ class IncrementalSystem:
         for entry in self.objects:
             handle = objects.add_object(entry.prior, self.state(entry), keys=entry.keys, name=entry.name)
             for observation in entry.observations:
-                own = [f for f in observation.factors if not isinstance(f, FilledBoxFactor)]
-                objects.add_factors(handle, own)  # the box came with the object
+                if not observation.of_prior:
+                    objects.add_factors(handle, observation.factors)
         return objects
 
     def _prune(self, entry: TrackedObject) -> None:

@@ -27,6 +27,8 @@ class Observation:
     factors: list[ObservationFactor]
     view: ObjectView | None
     """None for what no view says: of the floor, of the box."""
+    of_prior: bool = False
+    """Whether it comes with the prior, as the box does, and so with every graph that the object is put in."""
     point: gtsam.Values = field(default_factory=gtsam.Values)
     """Where they were linearised."""
     quadratic: gtsam.LinearContainerFactor | None = None
