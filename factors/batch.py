@@ -1,6 +1,6 @@
 """One decoder call for many factors: they may belong to many objects, views and kinds."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 
 import gtsam
 import torch
@@ -17,7 +17,11 @@ CHUNK = 65536
 
 def prefetch(factors: Iterable[ObservationFactor], values: gtsam.Values, jacobian: bool) -> None:
     """Decode what `factors` need at `values` in few calls; their next evaluation there is free of decoding."""
-    queries = [(factor, factor.query(values)) for factor in factors]
+    decode([(factor, factor.query(values)) for factor in factors], jacobian)
+
+
+def decode(queries: Sequence[tuple[ObservationFactor, SdfQuery]], jacobian: bool) -> None:
+    """The same for what factors ask, each at values of its own."""
     for batch in _batches([item for item in queries if item[0].known_value(item[1]) is None]):
         points, codes, owner, sizes = _stack(batch)
         with torch.no_grad():

@@ -12,7 +12,8 @@ import gtsam
 import numpy as np
 
 from factors.base import Annealing, ObservationFactor
-from factors.batch import prefetch
+from factors.batch import decode
+from factors.sdf import SdfQuery
 from objgraph.diagnostics.undetermined import check_linear
 from objgraph.errors import ObjectGraphError, SolveError
 from objgraph.linear import hessian_diagonal
@@ -181,10 +182,12 @@ def _levenberg_marquardt(
 
 
 def _decode(steps: Sequence[_Step], trial: bool) -> None:
+    queries: list[tuple[ObservationFactor, SdfQuery]] = []
     for step in steps:
         if step.problem.failure is None:
             values = step.trial if trial and step.trial is not None else step.problem.values
-            _guarded(step.problem, lambda p, v=values: prefetch(p.factors, v, jacobian=True))
+            _guarded(step.problem, lambda p, v=values: queries.extend((f, f.query(v)) for f in p.factors))
+    decode(queries, jacobian=True)
 
 
 def _start(problem: Problem) -> None:
