@@ -1,4 +1,4 @@
-"""Layers of a network whose weights are given, by oneDNN: in single precision a BLAS can take twice as long.
+"""Layers of a network by oneDNN: in single precision a BLAS can take twice as long.
 
 (MKL's, on processors of another maker.) The products are single precision's either way, added in another order.
 """
@@ -15,11 +15,12 @@ _ONEDNN = torch.backends.mkldnn.is_available() and hasattr(torch.ops.mkldnn, "_l
 def affine(
     x: Float[Tensor, "n i"], weight: Float[Tensor, "o i"], bias: Float[Tensor, "o"] | None = None
 ) -> Float[Tensor, "n o"]:
-    """`nn.functional.linear`, differentiable in `x`; in weight and bias too where one of these is being trained."""
-    trained = weight.requires_grad or (bias is not None and bias.requires_grad)
-    if trained or not _ONEDNN or x.device.type != "cpu" or x.dtype != torch.float32 or not len(x):
+    """`nn.functional.linear`."""
+    plain = x.device.type == "cpu" and x.dtype == torch.float32 and not torch.is_autocast_enabled("cpu")
+    if not (_ONEDNN and plain and len(x)):
         return nn.functional.linear(x, weight, bias)
-    if torch.is_grad_enabled() and x.requires_grad:
+    given = (x, weight) if bias is None else (x, weight, bias)
+    if torch.is_grad_enabled() and any(each.requires_grad for each in given):
         return _Affine.apply(x, weight, bias)
     return _product(x, weight, bias)
 
@@ -39,10 +40,15 @@ def _product(x: Tensor, weight: Tensor, bias: Tensor | None) -> Tensor:
 class _Affine(torch.autograd.Function):
     @staticmethod
     def forward(ctx: Any, x: Tensor, weight: Tensor, bias: Tensor | None) -> Tensor:
-        ctx.save_for_backward(weight)
+        ctx.save_for_backward(x, weight)
         return _product(x, weight, bias)
 
     @staticmethod
-    def backward(ctx: Any, *gradients: Tensor) -> tuple[Tensor, None, None]:
-        (weight,) = ctx.saved_tensors
-        return affine(gradients[0].contiguous(), weight.t().contiguous()), None, None
+    def backward(ctx: Any, *gradients: Tensor) -> tuple[Tensor | None, ...]:
+        (x, weight), d = ctx.saved_tensors, gradients[0].contiguous()
+        of_x, of_weight, of_bias = ctx.needs_input_grad
+        return (
+            affine(d, weight.t().contiguous()) if of_x else None,
+            d.t() @ x if of_weight else None,
+            d.sum(dim=0) if of_bias else None,
+        )

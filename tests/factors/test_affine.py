@@ -45,9 +45,22 @@ def test_gradients_of_gradients_pass() -> None:
 
 
 def test_weights_that_are_trained_get_their_gradient() -> None:
-    layer, x = nn.Linear(5, 3), drawn(0, 7, 5)
-    affine(x, layer.weight, layer.bias).sum().backward()
-    assert layer.weight.grad is not None
-    assert layer.bias.grad is not None
-    torch.testing.assert_close(layer.weight.grad, x.sum(0).expand(3, 5))
-    torch.testing.assert_close(layer.bias.grad, torch.full((3,), 7.0))
+    layer, x, upstream = nn.Linear(5, 3), drawn(0, 7, 5).requires_grad_(), drawn(2, 7, 3)
+    (affine(x, layer.weight, layer.bias) * upstream).sum().backward()
+    found = [each.grad for each in (x, layer.weight, layer.bias)]
+    exact = [upstream @ layer.weight.detach(), upstream.T @ x.detach(), upstream.sum(0)]
+    for each, value in zip(found, exact, strict=True):
+        assert each is not None
+        torch.testing.assert_close(each, value)
+
+
+def test_a_layer_is_the_same_whether_it_is_trained_or_not() -> None:
+    layer, x = nn.Linear(50, 30), drawn(0, 7, 50)
+    trained = affine(x, layer.weight, layer.bias).detach()
+    assert torch.equal(trained, affine(x, layer.weight.detach(), layer.bias.detach()))
+
+
+def test_autocast_has_its_way() -> None:
+    x, weight = drawn(0, 7, 50), drawn(1, 30, 50)
+    with torch.autocast("cpu", torch.bfloat16):
+        assert affine(x, weight).dtype == torch.bfloat16
