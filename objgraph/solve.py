@@ -182,12 +182,20 @@ def _levenberg_marquardt(
 
 
 def _decode(steps: Sequence[_Step], trial: bool) -> None:
-    queries: list[tuple[ObservationFactor, SdfQuery]] = []
+    queries: list[list[tuple[ObservationFactor, SdfQuery]]] = []
+    asking: list[Problem] = []
     for step in steps:
         if step.problem.failure is None:
             values = step.trial if trial and step.trial is not None else step.problem.values
-            _guarded(step.problem, lambda p, v=values: queries.extend((f, f.query(v)) for f in p.factors))
-    decode(queries, jacobian=True)
+            asked = _guarded(
+                step.problem, lambda p, v=values: queries.append([(f, f.query(v)) for f in p.factors])
+            )
+            asking += [step.problem] * asked
+    try:
+        decode([query for each in queries for query in each], jacobian=True)
+    except (ObjectGraphError, RuntimeError, ValueError):  # one of them fails, and alone
+        for problem, own in zip(asking, queries, strict=True):
+            _guarded(problem, lambda _, q=own: decode(q, jacobian=True))
 
 
 def _start(problem: Problem) -> None:

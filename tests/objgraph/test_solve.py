@@ -193,6 +193,17 @@ def nan_decoder() -> Problem:
     return chair_problem(1.0, decoder)
 
 
+class RaisingDecoder(ToyDecoder):
+    """Cannot be asked anything."""
+
+    def _network(self, points, injected):
+        raise RuntimeError("this decoder is broken")
+
+
+def raising_decoder() -> Problem:
+    return chair_problem(1.0, RaisingDecoder().double())
+
+
 def nan_measurement() -> Problem:
     return pose_graph(measured=np.nan)
 
@@ -209,7 +220,7 @@ def nan_state() -> Problem:
     return problem
 
 
-@pytest.mark.parametrize("bad", [nan_decoder, nan_measurement, missing_value, nan_state])
+@pytest.mark.parametrize("bad", [nan_decoder, raising_decoder, nan_measurement, missing_value, nan_state])
 def test_a_failing_problem_leaves_the_others_alone(bad):
     alone, beside, failing = chair_problem(), chair_problem(), bad()
     solve([alone], SHORT)
