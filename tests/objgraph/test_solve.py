@@ -194,14 +194,21 @@ def nan_decoder() -> Problem:
 
 
 class RaisingDecoder(ToyDecoder):
-    """Cannot be asked anything."""
+    """Can be asked so often and then no more."""
+
+    left = 0
 
     def _network(self, points, injected):
-        raise RuntimeError("this decoder is broken")
+        self.left -= 1
+        if self.left < 0:
+            raise RuntimeError("this decoder is broken")
+        return super()._network(points, injected)
 
 
-def raising_decoder() -> Problem:
-    return chair_problem(1.0, RaisingDecoder().double())
+def raising_decoder(left: int = 0) -> Problem:
+    decoder = RaisingDecoder().double()
+    decoder.left = left
+    return chair_problem(1.0, decoder)
 
 
 def nan_measurement() -> Problem:
@@ -229,6 +236,17 @@ def test_a_failing_problem_leaves_the_others_alone(bad):
     assert beside.failure is None
     assert beside.cost == pytest.approx(alone.cost, rel=1e-9)
     assert difference(beside.values, alone.values) < 1e-9
+
+
+@pytest.mark.parametrize("left", range(1, 9))
+def test_a_decoder_that_raises_on_the_way_stops_its_own_problem_alone(left):
+    """Wherever it happens: while samples are drawn, or where all problems decode together."""
+    alone, beside, failing = chair_problem(), chair_problem(), raising_decoder(left)
+    solve([alone], SHORT)
+    solve([failing, beside], SHORT)
+    assert failing.failure == "this decoder is broken"
+    assert beside.failure is None
+    assert beside.cost == pytest.approx(alone.cost, rel=1e-9)
 
 
 @pytest.mark.parametrize("bad", [nan_decoder, nan_measurement, missing_value])
