@@ -13,50 +13,13 @@ from objgraph.covariance.labelled import LabelledCovariance, ObjectCovariance
 from objgraph.covariance.turns import Turns
 from objgraph.errors import SolveError
 from objgraph.mesh import extract_mesh
+from objgraph.prior.box_misfit import BoxMisfit
 from objgraph.prior.prior import ShapePrior
 
 _OUTERMOST = 0.01
 """Share of an extent within which a vertex belongs to the box's side."""
 _FACING = 0.9
 """Cosine between the surface's normal and the side's above which it tells how the side moves."""
-
-
-_LEAST = 0.25
-"""Of what views usually cost: a lucky one makes no object certain."""
-
-
-@dataclass(frozen=True)
-class BoxMisfit:
-    """How far the box of a real object lies from that of the best shape that a prior can make of it.
-
-    No covariance of pose, scale and code knows of it: it says how well these are known, not what they leave out.
-    """
-
-    centre: float = 0.005
-    """Standard deviation of each coordinate of the centre, metres."""
-    log_level: float = 0.06
-    """Standard deviation of the logarithms of width and depth: legs splay, backs lean, arms reach out."""
-    log_height: float = 0.007
-    """Standard deviation of the height's logarithm: the floor is known, and tops are seen."""
-    marginals: float = 1.0
-    """Factor on the variances that the marginals give the box."""
-    view_cost: float = 50.0
-    """Nats that a view of an object usually costs. Of one that costs more the prior makes less, and all variances are as
-    many times larger: the variance of unit weight of least squares, a posteriori (Mikhail, "Observations and Least
-    Squares", 1976)."""
-
-    def share(self, view_cost: float | None) -> float:
-        """Factor on all variances of an object whose views cost so much; one where that is not known."""
-        return 1.0 if view_cost is None else max(view_cost / self.view_cost, _LEAST)
-
-
-_MISFITS = {
-    "chair": BoxMisfit(0.0046, 0.0544, 0.001, 1.78, 58.9),
-    "table": BoxMisfit(0.0002, 0.0428, 0.0005, 2.49, 48.4),
-}
-"""The likeliest on development objects, variances a fifth larger because tails are heavier than a Gaussian's
-(docs/covariances.md)."""
-
 
 BOX_AXES = (
     *(f"rotation_{axis} [rad, object frame]" for axis in "xyz"),
@@ -93,7 +56,7 @@ def box_pose(
     then the extents, nearer to the true ones than those of the mesh, which are drawn short (docs/covariances.md). Of any
     other prior it is the box about `p_object`, the canonical vertices of the object's mesh, which are made where they
     are not given.
-    By default the misfit is that of the prior's category; `view_cost`, nats a view at the estimate, says how well the
+    By default the misfit is the prior's own; `view_cost`, nats a view at the estimate, says how well the
     prior makes this object. `turns` widen the covariance by the other headings that the object may have: to the second
     moment of all about this one.
 
@@ -109,7 +72,7 @@ def box_pose(
         jacobian = box_jacobian(prior.decoder, state, p_object)
         low, high = state.scale * p_object.min(axis=0), state.scale * p_object.max(axis=0)
         centre, extents = state.T_world_object.transformFrom((low + high) / 2), high - low
-    misfit = misfit or _MISFITS.get(prior.category, BoxMisfit())
+    misfit = misfit or prior.box_misfit
     extents_sigma = [misfit.log_level, misfit.log_height, misfit.log_level]
     added = np.diag(np.square([0.0] * 3 + [misfit.centre] * 3 + extents_sigma))
     known = covariance.mapped(jacobian, BOX_AXES)

@@ -12,6 +12,7 @@ from factors.rays import BOX_HALF_SIZE
 from factors.sdf_decoder import SdfDecoder
 from objgraph.errors import SolveError
 from objgraph.mesh import extract_mesh
+from objgraph.prior.box_misfit import BoxMisfit
 
 _LOOSE = 1.15
 """Times that a tight box is larger than the shapes': a decoder draws outside of it as well."""
@@ -45,6 +46,7 @@ class ShapePrior:
     box: Float[np.ndarray, "3"] | None = None
     """Edges of the box that every shape is stretched to in the decoder's frame (`BoxFrame`); None where the
     decoder takes coordinates of diagonal 1 as they are."""
+    box_misfit: BoxMisfit = field(default_factory=BoxMisfit)
 
     @property
     def is_fallback(self) -> bool:

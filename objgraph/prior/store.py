@@ -15,6 +15,7 @@ from factors.errors import FactorError
 from factors.sdf_decoder import SdfDecoder
 from factors.superquadric import Superquadric, SuperquadricConfig
 from objgraph.errors import PriorError
+from objgraph.prior.box_misfit import BoxMisfit
 from objgraph.prior.checkpoint import load_tensors, save_tensors
 from objgraph.prior.prior import ShapePrior
 
@@ -43,6 +44,7 @@ def save_prior(prior: ShapePrior, path: Path) -> None:
         "size_mean": prior.size_mean,
         "size_log_sigma": prior.size_log_sigma,
         **({} if prior.anisotropy_sigma is None else {"anisotropy_sigma": prior.anisotropy_sigma}),
+        "box_misfit": asdict(prior.box_misfit),
         "sha256": digest(tensors),
         "card": {k: v for k, v in prior.card.items() if k not in _HEADER},
     }
@@ -73,6 +75,7 @@ def load_prior_file(path: Path) -> ShapePrior:
         box = tensors["box"].numpy() if "box" in tensors else None
         numbers = [float(header[key]) for key in ("residual_sigma", "size_mean", "size_log_sigma")]
         anisotropy = float(header["anisotropy_sigma"]) if "anisotropy_sigma" in header else None
+        misfit = BoxMisfit(**{key: float(value) for key, value in dict(header.get("box_misfit", {})).items()})
         card = {**header["card"], **{key: header[key] for key in _HEADER}}
         category = str(header["category"])
     except (KeyError, TypeError, ValueError, RuntimeError, FactorError) as error:
@@ -93,6 +96,7 @@ def load_prior_file(path: Path) -> ShapePrior:
         *([] if box is None else [box]),
         numbers,
         [] if anisotropy is None else [anisotropy],
+        list(asdict(misfit).values()),
         *(value.numpy() for value in decoder.state_dict().values()),
     ]
     if not all(np.isfinite(array).all() for array in arrays):
@@ -108,6 +112,7 @@ def load_prior_file(path: Path) -> ShapePrior:
         prototypes=prototypes,
         anisotropy_sigma=anisotropy,
         box=box,
+        box_misfit=misfit,
     )
 
 

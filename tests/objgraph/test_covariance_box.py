@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 
 from factors.state import ObjectState
-from objgraph.covariance.box import BOX_AXES, BoxMisfit, box_jacobian, box_pose
+from objgraph.covariance.box import BOX_AXES, box_jacobian, box_pose
 from objgraph.covariance.labelled import ObjectCovariance
 from objgraph.covariance.turns import Turns
 from objgraph.errors import SolveError
+from objgraph.prior.box_misfit import BoxMisfit
 from tests.toys import ToyDecoder, toy_mesh, toy_prior, toy_state
 
 NONE = BoxMisfit(0.0, 0.0, 0.0)

@@ -8,12 +8,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from objgraph.covariance.box import BoxMisfit, BoxPose, box_pose
+from objgraph.covariance.box import BoxPose, box_pose
 from objgraph.covariance.labelled import ObjectCovariance
 from objgraph.covariance.turns import Turns
 from objgraph.errors import CovarianceError
 from objgraph.evaluation.box_error import box_error
 from objgraph.observation import GroundTruth
+from objgraph.prior.box_misfit import BoxMisfit
 from tests.toys import toy_prior, toy_state
 
 SIZE = np.array([1.6, 0.7, 0.9])

@@ -17,6 +17,7 @@ from factors.errors import FactorError
 from factors.state import ObjectKeys, ObjectState
 from objgraph.errors import PriorError
 from objgraph.object_factors import GraphConfig, floor_factor
+from objgraph.prior.box_misfit import BoxMisfit
 from objgraph.prior.prior import ShapePrior
 from objgraph.prior.registry import ALIASES, WEIGHTS, available_priors, load_prior
 from objgraph.prior.size import USUAL, size_statistics
@@ -92,6 +93,18 @@ def test_wrong_code_length(prior: ShapePrior, tmp_path: Path) -> None:
         prior.decoder(torch.zeros(1, 3), torch.zeros(1, 5))
 
 
+def test_what_was_measured_of_boxes_is_kept(prior: ShapePrior, tmp_path: Path) -> None:
+    path = tmp_path / "lamp.safetensors"
+    measured = BoxMisfit(0.001, 0.02, 0.003, 1.5, 40.0)
+    save_prior(replace(prior, box_misfit=measured), path)
+    assert load_prior(path).box_misfit == measured
+    rewrite(path, lambda tensors, header: header.pop("box_misfit"))  # files of before it was kept
+    assert load_prior(path).box_misfit == BoxMisfit()
+    own = replace(prior, category="chair", box_misfit=measured)  # whatever the shipped prior of that name has
+    save_prior(own, path)
+    assert load_prior(path).box_misfit == measured
+
+
 def test_not_finite_weights(prior: ShapePrior, tmp_path: Path) -> None:
     path = tmp_path / "lamp.safetensors"
     save_prior(replace(prior, residual_sigma=float("nan")), path)
@@ -109,6 +122,11 @@ def test_not_finite_weights(prior: ShapePrior, tmp_path: Path) -> None:
         lambda tensors, header: header.pop("size_mean"),
         lambda tensors, header: tensors.pop("decoder.output.bias"),
         lambda tensors, header: tensors.pop("code_mean"),
+        lambda tensors, header: header.update(box_misfit={"centre": -0.1}),
+        lambda tensors, header: header.update(box_misfit={"colour": 0.1}),
+        lambda tensors, header: header.update(box_misfit=[0.1]),
+        lambda tensors, header: header.update(box_misfit={"view_cost": 0.0}),
+        lambda tensors, header: header.update(box_misfit={"marginals": float("inf")}),
     ],
 )
 def test_header_that_does_not_fit_the_weights(prior: ShapePrior, tmp_path: Path, change) -> None:
@@ -134,6 +152,7 @@ def test_shipped_priors() -> None:
         assert np.linalg.eigvalsh(prior.code_covariance).min() > 0
         assert 0 < prior.residual_sigma < 0.02
         assert prior.card["heldout"]["collected"]
+        assert (prior.box_misfit == BoxMisfit()) == (category == "car")  # whose boxes nothing was measured of
         with torch.no_grad():
             code = torch.from_numpy(prior.code_mean[None]).float()
             corners = 0.55 * torch.cartesian_prod(*[torch.tensor([-1.0, 1.0])] * 3)
