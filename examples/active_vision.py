@@ -6,9 +6,10 @@
 Each object stands in a room of its own and is seen once. Then the next view is chosen among 100 cameras that can be held
 about it: by the information that the graph expects of each, at random, or evenly about the object. After each view the
 object is estimated anew. `metrics.json`: how many views chance and even spreading need for the mean error of surfaces
-(`views_*`) and of the boxes' corners (`views_*_box`) that the expected information reaches with four, where `reached`
-says whether they do at all, and how well expected and realised information go together, over all views and over those
-after which the object stands as before (within 45 degrees). Finished objects are not run again.
+(`views_*`) and of the boxes' corners (`views_*_box`; `*_right`: over objects that no policy ever has in a wrong heading)
+that the expected information reaches with four, where `reached` says whether they do at all, and how well expected and
+realised information go together, over all views and over those after which the object stands as before (within 45
+degrees). Finished objects are not run again.
 """
 
 import itertools
@@ -76,7 +77,7 @@ class Arguments:
     """From the camera to the object's middle, metres."""
     most: int = 6
     """Views that chance and even spreading get: half as many again as the policy."""
-    criterion: Criterion = "surface"
+    criterion: Criterion = "pose"
     """What the next view is chosen for."""
 
 
@@ -120,14 +121,17 @@ class Subject:
         fresh, _ = rank(self.prior, views, states, UP, self.floor, settings, GraphConfig())
         starts = (*fresh[:1], *([start] if start is not None else []))
         task = EstimationTask(self.case.id, self.prior, starts, tuple(views), UP, self.floor)
-        (result,) = GraphEstimator(turns=None).estimate([task])  # the fresh guess looks for other headings
+        (result,) = GraphEstimator().estimate([task])
         if isinstance(result, ObjectGraphError):
             raise result
         return result
 
-    def known(self, estimate: Estimate) -> KnownObject:
+    def known(self, estimate: Estimate, views: Sequence[ObjectView]) -> KnownObject:
         assert estimate.covariance is not None
-        return known_object(self.case.id, self.prior, estimate.state, estimate.covariance)
+        seen_from = [view.T_world_camera for view in views]
+        return known_object(
+            self.case.id, self.prior, estimate.state, estimate.covariance, seen_from=seen_from
+        )
 
     def measure(self, estimate: Estimate) -> dict[str, Any]:
         """Against the truth, of which nothing else here knows."""
@@ -156,11 +160,8 @@ def subject(case: Case, arguments: Arguments) -> Subject:
     return Subject(case, world, prior, floor, [held[i] for i in chosen], view)
 
 
-def ranked(
-    item: Subject, estimate: Estimate, cameras: list[gtsam.Pose3], criterion: Criterion
-) -> list[ViewGain]:
-    config = ViewConfig(intrinsics())
-    return next_views([item.known(estimate)], cameras, config, criterion=criterion)
+def ranked(known: KnownObject, cameras: list[gtsam.Pose3], criterion: Criterion) -> list[ViewGain]:
+    return next_views([known], cameras, ViewConfig(intrinsics()), criterion=criterion)
 
 
 def realised(before: Estimate, after: Estimate) -> float:
@@ -187,7 +188,7 @@ def one_by_one(item: Subject, policy: str, begun: Estimate, arguments: Arguments
     views, estimate, left, rows = [item.first], begun, list(item.cameras), []
     most = GOAL if policy == "next_best" else arguments.most
     while len(views) < most:
-        order = ranked(item, estimate, left, arguments.criterion)
+        order = ranked(item.known(estimate, views), left, arguments.criterion)
         if policy == "random":
             order = [order[i] for i in rng.permutation(len(order))]
         for best in order:  # a camera that sees next to nothing is passed over
@@ -235,12 +236,9 @@ def run(case: Case, arguments: Arguments, picture: Path | None) -> list[dict[str
     begun = item.estimate([item.first], None)
     rows = [row(item, policy, 1, begun) for policy in POLICIES]
     if picture is not None:
-        views = ranked(item, begun, item.cameras, arguments.criterion)
-        known = item.known(begun)
-        eye = item.first.T_world_camera.translation()
-        sphere_picture(
-            known, known.surface_sigma, views, UP, picture, criterion=arguments.criterion, seen_from=[eye]
-        )
+        known = item.known(begun, [item.first])
+        views = ranked(known, item.cameras, arguments.criterion)
+        sphere_picture(known, known.surface_sigma, views, UP, picture, criterion=arguments.criterion)
     for policy in ("next_best", "random"):
         rows += one_by_one(item, policy, begun, arguments)
     return rows + evenly(item, begun, arguments)
@@ -248,12 +246,22 @@ def run(case: Case, arguments: Arguments, picture: Path | None) -> list[dict[str
 
 def curve(rows: list[dict[str, Any]], policy: str, name: str) -> dict[int, float]:
     """Mean of a measure for every number of views that all objects were seen in."""
-    objects = {r["object"] for r in rows}
+    objects = named(rows)
     found: dict[int, dict[str, float]] = {}
     for r in rows:
         if r["policy"] == policy:
             found.setdefault(r["views"], {})[r["object"]] = r[name]
     return {n: float(np.mean(list(found[n].values()))) for n in sorted(found) if set(found[n]) == objects}
+
+
+def curves(rows: list[dict[str, Any]]) -> dict[str, dict[str, dict[int, float]]]:
+    names = ("chamfer_m", "box_m", "translation_m", "rotation_deg", "scale_pct_max")
+    return {name: {policy: curve(rows, policy, name) for policy in POLICIES} for name in names}
+
+
+def named(rows: list[dict[str, Any]]) -> set[str]:
+    """The objects that they are of."""
+    return {r["object"] for r in rows}
 
 
 def whole(rows: list[dict[str, Any]], arguments: Arguments) -> list[dict[str, Any]]:
@@ -265,9 +273,17 @@ def whole(rows: list[dict[str, Any]], arguments: Arguments) -> list[dict[str, An
     return [r for r in rows if had[r["object"]] >= wanted]
 
 
-def views_to_reach(errors: dict[int, float], goal: float) -> tuple[float, bool]:
+def right(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """The rows of objects whose heading is right after every view of every policy."""
+    wrong = {r["object"] for r in rows if r["rotation_deg"] > RIGHT_MODE_DEG}
+    return [r for r in rows if r["object"] not in wrong]
+
+
+def views_to_reach(errors: dict[int, float], goal: float) -> tuple[float | None, bool]:
     """Number of views at which the error first is as small as `goal`, between whole ones; all, and False, if it never is."""
     counts = sorted(errors)
+    if not counts or errors[counts[0]] <= goal:
+        return (counts[0], True) if counts else (None, False)
     for before, after in itertools.pairwise(counts):
         if errors[after] <= goal:
             share = (errors[before] - goal) / max(errors[before] - errors[after], 1e-12)
@@ -293,22 +309,22 @@ def correlation(taken: list[dict[str, Any]]) -> float | None:
 
 
 def summary(rows: list[dict[str, Any]], arguments: Arguments) -> dict[str, Any]:
-    tried, rows = len({r["object"] for r in rows}), whole(rows, arguments)
+    tried, rows = named(rows), whole(rows, arguments)
     if not rows:
         raise SystemExit("no object was seen as often as every policy was to see it: give more --candidates")
     taken = [r for r in rows if "expected" in r]
     return {
-        "objects": len({r["object"] for r in rows}),
-        "objects_left_out": tried - len({r["object"] for r in rows}),
+        "objects": len(named(rows)),
+        "objects_left_out": len(tried) - len(named(rows)),
+        "objects_right": len(named(right(rows))),
         "views_next_best": GOAL,
         **compared(rows, "chamfer_m", ""),
         **compared(rows, "box_m", "_box"),
+        **compared(right(rows), "box_m", "_box_right"),
         "gain_correlation": correlation(taken),
         "gain_correlation_same_mode": correlation([r for r in taken if r["turned_deg"] <= RIGHT_MODE_DEG]),
-        "curves": {
-            name: {policy: curve(rows, policy, name) for policy in POLICIES}
-            for name in ("chamfer_m", "box_m", "translation_m", "rotation_deg", "scale_pct_max")
-        },
+        "curves": curves(rows),
+        "curves_right": curves(right(rows)),
         "settings": settings(arguments),
     }
 
@@ -376,7 +392,7 @@ def main(arguments: Arguments) -> None:
     metrics = summary(chosen, arguments)
     (arguments.out / "metrics.json").write_text(json.dumps(metrics, indent=2) + "\n")
     draw(metrics, arguments.out / "active_vision.png")
-    print({k: v for k, v in metrics.items() if k not in ("curves", "settings")})
+    print({k: v for k, v in metrics.items() if k not in ("curves", "curves_right", "settings")})
 
 
 if __name__ == "__main__":

@@ -58,7 +58,8 @@ def describe(instance, state, covariance, mesh, sigma, views, seconds) -> Mapped
         instance.id, instance.category, "mapped",
         T_world_object=state.T_world_object.matrix(), scale=state.scale, code=state.code,
         covariance=covariance.rigid, code_sigma=covariance.sigma[9:],
-        seconds=seconds, views=tuple(view.frame for view in views), size_m=state.scale * mesh.extents,
+        seconds=seconds, size_m=state.scale * mesh.extents,
+        views=tuple(view.frame for view in views), cameras=np.array([view.T_world_camera.matrix() for view in views]),
         vertices=state.to_world(np.asarray(mesh.vertices)), faces=np.asarray(mesh.faces), vertex_sigma=sigma,
     )  # fmt: skip
 

@@ -11,7 +11,7 @@ from objgraph.colors import sigma_colors, sigma_limit
 from objgraph.errors import MapError
 from objgraph.mapped_object import MappedObject
 
-VERSION = 4
+VERSION = 5
 """Of the document's layout; a reader refuses another."""
 
 

@@ -55,6 +55,7 @@ def map_entry(
         linearizations=estimate.linearizations,
         error_evaluations=estimate.error_evaluations,
         views=tuple(view.frame for view in views),
+        cameras=np.array([view.T_world_camera.matrix() for view in views]),
         size_m=state.scale * mesh.extents,
         turns=None if estimate.turns is None else estimate.turns.probability,
         prior=_reference(prior),

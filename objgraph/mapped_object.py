@@ -32,6 +32,7 @@ EVALUATION_KEYS = (
 
 _SHAPES: dict[str, tuple[int | None, ...]] = {
     **ESTIMATE_SHAPES,
+    "cameras": (None, 4, 4),
     "size_m": (3,),
     "turns": (4,),
     "vertices": (None, 3),
@@ -94,6 +95,8 @@ class MappedObject:
     """Parts of `seconds`, by stage."""
     views: tuple[str, ...] = ()
     """Names of the frames it was seen in and mapped from."""
+    cameras: Float[np.ndarray, "n 4 4"] | None = None
+    """T_world_camera of these frames."""
     size_m: Float[np.ndarray, "3"] | None = None
     """Extents along the object's own axes: width (x), height (y), depth (z), metres."""
     turns: Float[np.ndarray, "4"] | None = None
@@ -126,6 +129,8 @@ class MappedObject:
         for name in _COUNTS:
             self._put(name, map_checks.whole(f"{label}: {name}", getattr(self, name)))
         self._put("views", tuple(str(view) for view in self.views))
+        if not self.views and self.cameras is not None and not self.cameras.size:
+            self._put("cameras", None)  # JSON does not tell no cameras from none given
         stages = self.seconds_by_stage.items()
         where = f"{label}: seconds_by_stage"
         self._put("seconds_by_stage", {str(k): map_checks.number(f"{where}.{k}", v) for k, v in stages})
@@ -182,6 +187,10 @@ def _check_consistency(entry: MappedObject) -> None:
         raise _bad(entry, "covariance", "has a negative variance")
     if entry.code is not None and entry.code_sigma is not None and len(entry.code) != len(entry.code_sigma):
         raise _bad(entry, "code_sigma", f"has {len(entry.code_sigma)} entries, the code {len(entry.code)}")
+    if entry.cameras is not None and len(entry.cameras) != len(entry.views):
+        raise _bad(entry, "cameras", f"are {len(entry.cameras)}, for {len(entry.views)} views")
+    if entry.cameras is not None and not all(map_checks.is_rigid(T) for T in entry.cameras):
+        raise _bad(entry, "cameras", "are no rigid transforms")
     try:
         _ = entry.other_headings
     except CovarianceError as error:

@@ -1,5 +1,6 @@
 """An object as a map knows it, ready to be asked what a view of it would tell."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import gtsam
@@ -33,6 +34,8 @@ class KnownObject:
     """The decoder's own standard deviation there, metres."""
     vertices: Float[np.ndarray, "v 3"]
     faces: Int[np.ndarray, "f 3"]
+    seen_from: tuple[gtsam.Pose3, ...] = ()
+    """T_world_camera of the views that the estimate is made from; none says that nothing of it was seen yet."""
 
     @property
     def surface_sigma(self) -> Float[np.ndarray, "m"]:
@@ -52,11 +55,12 @@ def known_object(
     state: ObjectState,
     covariance: ObjectCovariance,
     *,
+    seen_from: Sequence[gtsam.Pose3] = (),
     points: int = 600,
     resolution: int = 48,
     seed: int = 0,
 ) -> KnownObject:
-    """What an estimate says of its surface, at that many points.
+    """What an estimate that was made from some views says of its surface, at that many points.
 
     Raises:
         ActiveVisionError: the covariance is not of this state, or not positive definite.
@@ -90,4 +94,5 @@ def known_object(
         residual,
         vertices,
         faces,
+        tuple(seen_from),
     )

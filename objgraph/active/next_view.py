@@ -5,6 +5,10 @@ nothing, and a point tells what the 3D and the 2D factor would make of it there.
 candidate's expected information is H = sum_i w_i J_i^T J_i over what it sees, and its gain of information
 1/2 log det(I + Sigma H): the mutual information of state and measurement under the Gaussian (Lindley 1956;
 MacKay, "Information-based objective functions for active data selection", 1992).
+
+Views see the same surface with noise of their own but share what the decoder cannot make of it. The mean of measurements
+of one point with precisions n_v has the variance r^2 + 1 / sum n_v, so a view after others adds w = f(sum + n) - f(sum)
+with f(n) = n / (1 + r^2 n): next to nothing where noise is small against r, and a view of the other side tells more.
 """
 
 from collections.abc import Callable, Sequence
@@ -69,7 +73,7 @@ class ViewGain:
     T_world_camera: gtsam.Pose3
     objects: dict[str, ObjectGain]
 
-    def total(self, criterion: Criterion = "information") -> float:
+    def total(self, criterion: Criterion = "pose") -> float:
         """Over all objects: what they do not share is added up."""
         return sum(getattr(gain, criterion) for gain in self.objects.values())
 
@@ -79,7 +83,7 @@ def next_views(
     cameras: Sequence[gtsam.Pose3],
     config: ViewConfig | None = None,
     *,
-    criterion: Criterion = "information",
+    criterion: Criterion = "pose",
     others: Sequence[tuple[np.ndarray, np.ndarray]] = (),
     progress: Callable[[int, int], None] | None = None,
 ) -> list[ViewGain]:
@@ -98,7 +102,7 @@ def next_views(
         scene.add_triangles(np.asarray(vertices, np.float32), np.asarray(faces, np.uint32))
     gains: list[dict[str, ObjectGain]] = [{} for _ in cameras]
     for i, known in enumerate(objects):
-        judge = _Judge(known, config)
+        judge = _Judge(known, known_precision(known, scene, config), config)
         for gain, camera in zip(gains, cameras, strict=True):
             gain[known.name] = judge.gain(camera, scene)
         if progress is not None:
@@ -107,15 +111,36 @@ def next_views(
     return sorted(found, key=lambda view: -view.total(criterion))
 
 
+def known_precision(
+    known: KnownObject, scene: o3d.t.geometry.RaycastingScene, config: ViewConfig
+) -> Float[np.ndarray, "m"]:
+    """Sum of the sensor's precisions, 1 / m^2, with which the views so far have measured each of the object's points."""
+    precision = np.zeros(len(known.points))
+    for camera in known.seen_from:
+        seen = visible(known, camera, scene, config)
+        precision[seen] += config.noise(_in_camera(known.points[seen], camera)[:, 2]) ** -2
+    return precision
+
+
 def expected_information(
-    known: KnownObject, T_world_camera: gtsam.Pose3, seen: Bool[np.ndarray, "m"], config: ViewConfig
+    known: KnownObject,
+    T_world_camera: gtsam.Pose3,
+    seen: Bool[np.ndarray, "m"],
+    config: ViewConfig,
+    precision: Float[np.ndarray, "m"] | None = None,
 ) -> Float[np.ndarray, "d d"]:
-    """What a view that sees these points is expected to add to the object's information matrix."""
+    """What a view that sees these points is expected to add to the object's information matrix.
+
+    `precision` is what other views have measured the points with (`known_precision`); None where there were none.
+    """
     p_camera = _in_camera(known.points[seen], T_world_camera)
     share = np.minimum(1.0, config.evidence * patch_shares(p_camera, config.patch, most=0.25))
-    variance = config.noise(p_camera[:, 2]) ** 2 + known.residual[seen] ** 2
+    before = np.zeros(len(share)) if precision is None else precision[seen]
+    after = before + config.noise(p_camera[:, 2]) ** -2
+    shared = known.residual[seen] ** 2
+    weight = after / (1 + shared * after) - before / (1 + shared * before)
     jacobian = known.jacobian[seen]
-    return _FACTORS * (jacobian * (share / variance)[:, None]).T @ jacobian
+    return _FACTORS * (jacobian * (share * weight)[:, None]).T @ jacobian
 
 
 def visible(
@@ -142,8 +167,8 @@ def visible(
 class _Judge:
     """One object's gains: what does not depend on the camera is computed once."""
 
-    def __init__(self, known: KnownObject, config: ViewConfig) -> None:
-        self.known, self.config = known, config
+    def __init__(self, known: KnownObject, precision: Float[np.ndarray, "m"], config: ViewConfig) -> None:
+        self.known, self.precision, self.config = known, precision, config
         self.covariance = np.linalg.inv(known.information)
         self.log_det = np.linalg.slogdet(known.information)[1]
         self.pose_log_det = np.linalg.slogdet(self.covariance[:9, :9])[1]
@@ -155,7 +180,8 @@ class _Judge:
         share = float(seen.mean())
         if share < self.config.min_share:
             return ObjectGain(0.0, 0.0, 0.0, share)
-        information = self.known.information + expected_information(self.known, camera, seen, self.config)
+        added = expected_information(self.known, camera, seen, self.config, self.precision)
+        information = self.known.information + added
         after = np.linalg.inv(information)
         return ObjectGain(
             0.5 * float(np.linalg.slogdet(information)[1] - self.log_det),

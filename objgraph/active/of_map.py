@@ -2,6 +2,8 @@
 
 from collections.abc import Collection, Sequence
 
+import gtsam
+
 from objgraph.active.known_object import KnownObject, known_object
 from objgraph.errors import ActiveVisionError, MapError
 from objgraph.map import ObjectMap
@@ -31,7 +33,9 @@ def known_objects(
         prior = by_category[entry.category]
         _check_prior(entry, prior)
         name = f"{entry.category} {entry.id}"
-        found.append(known_object(name, prior, entry.state, entry.uncertainty, points=points))
+        seen_from = [gtsam.Pose3(T) for T in entry.cameras] if entry.cameras is not None else []
+        known = known_object(name, prior, entry.state, entry.uncertainty, seen_from=seen_from, points=points)
+        found.append(known)
     return found
 
 

@@ -29,13 +29,11 @@ def sphere_picture(
     up_world: Float[np.ndarray, "3"],
     path: Path,
     *,
-    criterion: Criterion = "information",
-    seen_from: Sequence[Float[np.ndarray, "3"]] = (),
+    criterion: Criterion = "pose",
 ) -> None:
     """The object's points by their standard deviation and the candidates about it by what they are expected to tell.
 
-    `sigma` (metres) is of `known.points`; `views` are ranked, the first is marked; `seen_from` are the eyes that the
-    estimate is made from.
+    `sigma` (metres) is of `known.points`; `views` are ranked, the first is marked; so are those the estimate is made from.
     """
     up = np.asarray(up_world, float)
     east = np.cross(up, np.eye(3)[np.argmin(np.abs(up))])
@@ -58,8 +56,8 @@ def sphere_picture(
         axis.scatter(
             *dots[:1].T, s=260, facecolors="none", edgecolors="red", linewidths=2.0, depthshade=False
         )
-        if len(seen_from):
-            seen = (np.asarray(seen_from) - known.centre) @ axes.T
+        if known.seen_from:
+            seen = (np.array([camera.translation() for camera in known.seen_from]) - known.centre) @ axes.T
             axis.scatter(*seen.T, marker="x", c="black", s=70, depthshade=False)
         aspect = np.ptp(np.concatenate([points, dots]), axis=0).clip(0.3)
         axis.set_box_aspect(aspect, zoom=1.25)  # pyright: ignore[reportArgumentType]

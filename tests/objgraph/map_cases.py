@@ -51,6 +51,7 @@ def mapped(identifier: int = 1, seed: int = 0, **changes) -> MappedObject:
         "seconds": 4.5,
         "seconds_by_stage": {"initialise": 1.5, "solve": 3.0},
         "views": ("0", "12"),
+        "cameras": np.tile(T, (len(changes.get("views", ("0", "12"))), 1, 1)),
         "size_m": rng.uniform(0.5, 2, 3),
         "turns": rng.dirichlet(np.ones(4)),
         "prior": PriorReference("chair", "ab12"),

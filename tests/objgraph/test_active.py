@@ -15,7 +15,13 @@ from rich.console import Console
 from factors.state import ObjectState
 from objgraph.active.cameras import looking_at, reachable, sphere
 from objgraph.active.known_object import KnownObject, known_object
-from objgraph.active.next_view import ViewConfig, expected_information, next_views, visible
+from objgraph.active.next_view import (
+    ViewConfig,
+    expected_information,
+    known_precision,
+    next_views,
+    visible,
+)
 from objgraph.active.of_map import known_objects
 from objgraph.active.picture import sphere_picture
 from objgraph.covariance.labelled import ObjectCovariance
@@ -24,7 +30,7 @@ from objgraph.map import ObjectMap
 from objgraph.mapped_object import MappedObject, PriorReference
 from objgraph.next_view_command import NextViewCommand, run_next_view
 from objgraph.object_factors import GraphConfig
-from objgraph.sampling import SamplingConfig, observe
+from objgraph.sampling import SamplingConfig, observe, patch_shares
 from objgraph.single_object import single_object
 from tests.toys import INTRINSICS, toy_frame, toy_mesh, toy_picture, toy_prior, toy_state
 
@@ -188,6 +194,49 @@ def test_the_other_side_is_worth_more_than_the_one_that_was_seen(criterion):
         assert best.T_world_camera.equals(at(azimuth + np.pi), 1e-9)
 
 
+def test_views_share_what_the_decoder_cannot_make(chair):
+    """Against the generalised least squares of one point's measurements, whose errors are noise and one in common."""
+    first, second, third = about(chair, 3)
+    scene = scene_of((chair.vertices, chair.faces))
+    seen = [visible(chair, camera, scene, CONFIG) for camera in (first, second, third)]
+    known = replace(chair, seen_from=(first, second))
+    precision = known_precision(known, scene, CONFIG)
+    assert not precision[~(seen[0] | seen[1])].any()
+
+    def told(point: int, views: list[int]) -> float:
+        """Information on the point's signed distance from some of the views, those that see it."""
+        cameras = [(first, second, third)[i] for i in views if seen[i][point]]
+        depths = [camera.transformTo(known.points[point])[2] for camera in cameras]
+        noise = np.array([CONFIG.noise(np.array([depth]))[0] for depth in depths])
+        covariance = np.diag(noise**2) + known.residual[point] ** 2
+        return float(np.linalg.inv(covariance).sum()) if depths else 0.0
+
+    jacobian = known.jacobian[seen[2]]
+    p_camera = np.array([third.transformTo(p) for p in known.points[seen[2]]])
+    share = np.minimum(1.0, CONFIG.evidence * patch_shares(p_camera, CONFIG.patch, most=0.25))
+    more = np.array([told(i, [0, 1, 2]) - told(i, [0, 1]) for i in np.flatnonzero(seen[2])])
+    assert (seen[2] & seen[0] & seen[1]).any()
+    assert (seen[2] & ~seen[0] & ~seen[1]).any()
+    np.testing.assert_allclose(
+        expected_information(known, third, seen[2], CONFIG, precision),
+        2 * (jacobian * (share * more)[:, None]).T @ jacobian,
+        rtol=1e-9, atol=1e-6,
+    )  # fmt: skip
+
+
+@given(st.floats(0.3, 6.0))
+def test_the_more_views_there_were_the_less_one_tells(chair, azimuth):
+    """... and no view takes information away."""
+    away = np.array([2.2 * np.cos(azimuth), 2.2 * np.sin(azimuth), 1.0])
+    camera = looking_at(chair.centre + away, chair.centre, UP)
+    gains = [
+        next_views([replace(chair, seen_from=(camera,) * count)], [camera], CONFIG)[0].total("information")
+        for count in range(4)
+    ]
+    assert all(np.diff(gains) < 0)
+    assert gains[-1] > 0
+
+
 def test_of_two_objects_gains_are_added_and_the_best_comes_first(chair):
     other_state = replace(
         toy_state(2.0), T_world_object=gtsam.Pose3(gtsam.Rot3.Rx(np.pi / 2), np.array([1.6, 0.2, 0.42]))
@@ -199,7 +248,8 @@ def test_of_two_objects_gains_are_added_and_the_best_comes_first(chair):
     assert totals[0] > totals[-1]
     for view in views:
         assert set(view.objects) == {"chair 1", "chair 2"}
-        assert view.total() == pytest.approx(sum(gain.information for gain in view.objects.values()))
+        assert view.total() == pytest.approx(sum(gain.pose for gain in view.objects.values()))
+        assert view.total("surface") == pytest.approx(sum(gain.surface for gain in view.objects.values()))
     hidden = next_views([chair], about(chair), CONFIG, others=[(other.vertices, other.faces)])
     alone = next_views([chair], about(chair), CONFIG)
     assert sum(v.objects["chair 1"].seen for v in hidden) < sum(v.objects["chair 1"].seen for v in alone)
@@ -244,6 +294,11 @@ def test_a_maps_objects_are_known_by_their_own_prior(chair):
     (found,) = known_objects(toy_map(), priors=[toy_prior()])
     assert found.name == "chair 1"
     np.testing.assert_allclose(found.information, chair.information, rtol=1e-6, atol=1e-6)
+    assert found.seen_from == ()
+    camera = about(chair, 1)[0]
+    (found,) = known_objects(toy_map(views=("0",), cameras=camera.matrix()[None]), priors=[toy_prior()])
+    (seen_from,) = found.seen_from
+    assert seen_from.equals(camera, 1e-12)
     with pytest.raises(ActiveVisionError, match=r"objects \[2\] are not mapped; mapped are \[1\]"):
         known_objects(toy_map(), [2], [toy_prior()])
     with pytest.raises(MapError, match="mapped with prior chair toy, the one at hand"):
@@ -270,6 +325,7 @@ def test_the_command_lists_the_best_views_and_writes_them(tmp_path, monkeypatch)
     assert [view["gain"] for view in document["views"]] == [view.total() for view in views]
     np.testing.assert_allclose(document["views"][0]["T_world_camera"], views[0].T_world_camera.matrix())
     assert (tmp_path / "out" / "next_view_chair_1.png").stat().st_size > 10_000
+    assert "pose (nats)" in " ".join(text.split())
     surface = run_next_view(replace(command, criterion="surface", out=None), console)
     assert "(cm²)" in (text := console.export_text().replace("\n", " "))
     assert f"{1e4 * surface[0].total('surface'):.3g}" in text
@@ -279,5 +335,6 @@ def test_the_picture_marks_where_it_was_seen_from(tmp_path, chair):
     views = next_views([chair], about(chair), CONFIG)
     bare, marked = tmp_path / "a.png", tmp_path / "b.png"
     sphere_picture(chair, chair.surface_sigma, views, UP, bare)
-    sphere_picture(chair, chair.surface_sigma, views, UP, marked, seen_from=[np.array([2.0, 0.0, 1.0])])
+    seen = replace(chair, seen_from=(looking_at(np.array([2.0, 0.0, 1.0]), chair.centre, UP),))
+    sphere_picture(seen, chair.surface_sigma, views, UP, marked)
     assert bare.read_bytes() != marked.read_bytes()

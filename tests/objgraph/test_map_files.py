@@ -18,6 +18,7 @@ from tests.objgraph.map_cases import UP, assert_same, failed, mapped, other
 JSON_NAMES = [
     "id",
     "category",
+    "cameras",
     "status",
     "reason",
     "T_world_object",
@@ -60,7 +61,7 @@ finite = st.floats(-1e6, 1e6)
     | st.dictionaries(st.sampled_from(EVALUATION_KEYS), st.none() | st.booleans() | finite),
     drop=st.sets(
         st.sampled_from(
-            ["covariance", "vertex_sigma", "size_m", "prior", "seconds", "code_sigma", "estimator"]
+            ["covariance", "vertex_sigma", "size_m", "prior", "seconds", "code_sigma", "estimator", "cameras"]
         )
     ),
     second=st.none() | st.builds(other, st.integers(0, 2**31), estimator=st.text(min_size=1, max_size=6)),
@@ -94,7 +95,7 @@ def test_the_document_has_the_promised_names_and_failed_objects_have_nulls(tmp_p
     ObjectMap("room", (mapped(1), failed(9)), UP).save(tmp_path)
     document = json.loads((tmp_path / "map.json").read_text())
     assert set(document) == {"version", "scene", "up_world", "objects"}
-    assert document["version"] == 4
+    assert document["version"] == 5
     good, bad = document["objects"]
     assert set(good) == set(bad) == set(JSON_NAMES)
     assert (good["estimator"], good["other"]) == ("graph", None)
