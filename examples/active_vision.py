@@ -12,7 +12,6 @@ realised information go together, over all views and over those after which the 
 degrees). Finished objects are not run again.
 """
 
-import itertools
 import json
 import os
 from collections.abc import Sequence
@@ -34,6 +33,7 @@ from objgraph.active.cameras import reachable, sphere
 from objgraph.active.known_object import KnownObject, known_object
 from objgraph.active.next_view import Criterion, ViewConfig, ViewGain, next_views
 from objgraph.active.picture import sphere_picture
+from objgraph.active.views_needed import Row, mean_errors, objects_of, seen_by_all, views_needed, within
 from objgraph.benchmark.cases import UP, BenchmarkConfig, Case, World, synthetic_cases
 from objgraph.benchmark.viewpoints import intrinsics
 from objgraph.comparison.calibration import RIGHT_MODE_DEG
@@ -244,87 +244,46 @@ def run(case: Case, arguments: Arguments, picture: Path | None) -> list[dict[str
     return rows + evenly(item, begun, arguments)
 
 
-def curve(rows: list[dict[str, Any]], policy: str, name: str) -> dict[int, float]:
-    """Mean of a measure for every number of views that all objects were seen in."""
-    objects = named(rows)
-    found: dict[int, dict[str, float]] = {}
-    for r in rows:
-        if r["policy"] == policy:
-            found.setdefault(r["views"], {})[r["object"]] = r[name]
-    return {n: float(np.mean(list(found[n].values()))) for n in sorted(found) if set(found[n]) == objects}
-
-
-def curves(rows: list[dict[str, Any]]) -> dict[str, dict[str, dict[int, float]]]:
-    names = ("chamfer_m", "box_m", "translation_m", "rotation_deg", "scale_pct_max")
-    return {name: {policy: curve(rows, policy, name) for policy in POLICIES} for name in names}
-
-
-def named(rows: list[dict[str, Any]]) -> set[str]:
-    """The objects that they are of."""
-    return {r["object"] for r in rows}
-
-
-def whole(rows: list[dict[str, Any]], arguments: Arguments) -> list[dict[str, Any]]:
-    """The rows of objects that every policy could see as often as it was to."""
-    wanted = {(p, n) for p in POLICIES for n in range(1, (GOAL if p == POLICIES[0] else arguments.most) + 1)}
-    had: dict[str, set[tuple[str, int]]] = {}
-    for r in rows:
-        had.setdefault(r["object"], set()).add((r["policy"], r["views"]))
-    return [r for r in rows if had[r["object"]] >= wanted]
-
-
-def right(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    """The rows of objects whose heading is right after every view of every policy."""
-    wrong = {r["object"] for r in rows if r["rotation_deg"] > RIGHT_MODE_DEG}
-    return [r for r in rows if r["object"] not in wrong]
-
-
-def views_to_reach(errors: dict[int, float], goal: float) -> tuple[float | None, bool]:
-    """Number of views at which the error first is as small as `goal`, between whole ones; all, and False, if it never is."""
-    counts = sorted(errors)
-    if not counts or errors[counts[0]] <= goal:
-        return (counts[0], True) if counts else (None, False)
-    for before, after in itertools.pairwise(counts):
-        if errors[after] <= goal:
-            share = (errors[before] - goal) / max(errors[before] - errors[after], 1e-12)
-            return float(before + (after - before) * np.clip(share, 0.0, 1.0)), True
-    return float(counts[-1]), False
-
-
-def compared(rows: list[dict[str, Any]], name: str, ending: str) -> dict[str, Any]:
+def compared(rows: Sequence[Row], measure: str, ending: str) -> dict[str, Any]:
     """Views that the other policies need for the policy's mean error, by one measure."""
-    goal = curve(rows, POLICIES[0], name).get(GOAL, -np.inf)
-    needed = {policy: views_to_reach(curve(rows, policy, name), goal) for policy in POLICIES[1:]}
+    needed = views_needed(rows, POLICIES[0], GOAL, POLICIES[1:], measure)
     return {
         **{f"views_{policy}{ending}": count for policy, (count, _) in needed.items()},
         f"reached{ending}": {policy: reached for policy, (_, reached) in needed.items()},
     }
 
 
-def correlation(taken: list[dict[str, Any]]) -> float | None:
+def curves(rows: Sequence[Row]) -> dict[str, dict[str, dict[int, float]]]:
+    names = ("chamfer_m", "box_m", "translation_m", "rotation_deg", "scale_pct_max")
+    return {name: {policy: mean_errors(rows, policy, name) for policy in POLICIES} for name in names}
+
+
+def correlation(taken: Sequence[Row]) -> float | None:
     """Of expected and realised information."""
     if len(taken) < 2:
         return None
     return float(np.corrcoef([[r["expected"], r["realised"]] for r in taken], rowvar=False)[0, 1])
 
 
-def summary(rows: list[dict[str, Any]], arguments: Arguments) -> dict[str, Any]:
-    tried, rows = named(rows), whole(rows, arguments)
+def summary(tried: Sequence[Row], arguments: Arguments) -> dict[str, Any]:
+    most = {policy: GOAL if policy == POLICIES[0] else arguments.most for policy in POLICIES}
+    rows = seen_by_all(tried, most)
     if not rows:
         raise SystemExit("no object was seen as often as every policy was to see it: give more --candidates")
+    right = within(rows, "rotation_deg", RIGHT_MODE_DEG)
     taken = [r for r in rows if "expected" in r]
     return {
-        "objects": len(named(rows)),
-        "objects_left_out": len(tried) - len(named(rows)),
-        "objects_right": len(named(right(rows))),
+        "objects": len(objects_of(rows)),
+        "objects_left_out": len(objects_of(tried)) - len(objects_of(rows)),
+        "objects_right": len(objects_of(right)),
         "views_next_best": GOAL,
         **compared(rows, "chamfer_m", ""),
         **compared(rows, "box_m", "_box"),
-        **compared(right(rows), "box_m", "_box_right"),
+        **compared(right, "box_m", "_box_right"),
         "gain_correlation": correlation(taken),
         "gain_correlation_same_mode": correlation([r for r in taken if r["turned_deg"] <= RIGHT_MODE_DEG]),
         "curves": curves(rows),
-        "curves_right": curves(right(rows)),
+        "curves_right": curves(right),
         "settings": settings(arguments),
     }
 
