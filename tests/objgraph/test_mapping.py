@@ -148,6 +148,8 @@ def test_a_mapped_object_s_fields_agree(toy_map, instance):
     # frames without a pose take no other's place
     assert len(found.views) == CONFIG.views
     assert set(found.views) <= {"f0", "f1", "f2"}
+    cameras = {frame.name: frame.T_world_camera for frame in toy_scan().frames}
+    np.testing.assert_allclose(found.cameras, [cameras[name] for name in found.views], atol=1e-12)
     assert (found.prior.name, found.prior.hash) == ("chair", "toy")
 
 
