@@ -295,23 +295,22 @@ def settings(arguments: Arguments) -> dict[str, str]:
 
 def draw(metrics: dict[str, Any], path: Path) -> None:
     figure, axes = plt.subplots(1, 3, figsize=(12, 3.6), layout="constrained")
-    labels = {"chamfer_m": ("Chamfer (cm)", 100), "box_m": ("error of box corners (cm)", 100),
-              "scale_pct_max": ("worst extent (%)", 1)}  # fmt: skip
-    for axis, (name, (label, factor)) in zip(axes, labels.items(), strict=True):
+    count, right = metrics["objects"], metrics["objects_right"]
+    panels = (
+        ("curves", "chamfer_m", "Chamfer", f"{count} object{'s' * (count > 1)}"),
+        ("curves", "box_m", "error of box corners", f"{count} object{'s' * (count > 1)}"),
+        ("curves_right", "box_m", "error of box corners", f"the {right} never in a wrong heading"),
+    )
+    for axis, (curves, name, label, which) in zip(axes, panels, strict=True):
         for policy in POLICIES:
-            found = metrics["curves"][name][policy]
-            axis.plot(
-                [int(n) for n in found],
-                [factor * e for e in found.values()],
-                "o-",
-                label=policy.replace("_", " "),
-            )
-        axis.set(xlabel="views", ylabel=f"mean {label}")
+            found = metrics[curves][name][policy]
+            errors = [100 * error for error in found.values()]
+            axis.plot([int(n) for n in found], errors, "o-", label=policy.replace("_", " "))
+        axis.set(xlabel="views", ylabel=f"mean {label} (cm)", title=which)
         axis.xaxis.get_major_locator().set_params(integer=True)
         axis.set_ylim(bottom=0)
         axis.grid(alpha=0.3)
     axes[0].legend()
-    figure.suptitle(f"Means over {metrics['objects']} object{'s' * (metrics['objects'] > 1)}")
     figure.savefig(path)
 
 

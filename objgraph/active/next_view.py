@@ -114,7 +114,10 @@ def next_views(
 def known_precision(
     known: KnownObject, scene: o3d.t.geometry.RaycastingScene, config: ViewConfig
 ) -> Float[np.ndarray, "m"]:
-    """Sum of the sensor's precisions, 1 / m^2, with which the views so far have measured each of the object's points."""
+    """Sum of the sensor's precisions, 1 / m^2, with which the views so far have measured each of the object's points.
+
+    They are taken to be of the same camera as the candidates.
+    """
     precision = np.zeros(len(known.points))
     for camera in known.seen_from:
         seen = visible(known, camera, scene, config)
