@@ -77,7 +77,7 @@ class Arguments:
     """From the camera to the object's middle, metres."""
     most: int = 6
     """Views that chance and even spreading get: half as many again as the policy."""
-    criterion: Criterion = "pose"
+    criterion: Criterion = "corners"
     """What the next view is chosen for."""
 
 
@@ -130,8 +130,9 @@ class Subject:
         assert estimate.covariance is not None
         seen_from = [view.T_world_camera for view in views]
         return known_object(
-            self.case.id, self.prior, estimate.state, estimate.covariance, seen_from=seen_from
-        )
+            self.case.id, self.prior, estimate.state, estimate.covariance,
+            seen_from=seen_from, turns=estimate.turns,
+        )  # fmt: skip
 
     def measure(self, estimate: Estimate) -> dict[str, Any]:
         """Against the truth, of which nothing else here knows."""

@@ -76,6 +76,11 @@ class ObjectState:
             code=self.code + delta[RIGID_DOF:],
         )
 
+    def local_coordinates(self, other: "ObjectState") -> Float[np.ndarray, "9+l"]:
+        """The tangent along which `retract` leads from this state to the other."""
+        pose = self.T_world_object.localCoordinates(other.T_world_object)
+        return np.concatenate([pose, other.log_scale - self.log_scale, other.code - self.code])
+
     @property
     def scale(self) -> Float[np.ndarray, "3"]:
         """Metres per canonical unit along the object's axes."""

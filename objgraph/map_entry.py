@@ -4,9 +4,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Float
 
+from factors.state import ObjectState
 from objgraph.covariance.labelled import ObjectCovariance
 from objgraph.covariance.surface import surface_sigma
+from objgraph.covariance.turns import Turns
 from objgraph.errors import SolveError
 from objgraph.estimation import Estimate
 from objgraph.mapped_object import MappedObject, PriorReference
@@ -58,12 +61,20 @@ def map_entry(
         cameras=np.array([view.T_world_camera.matrix() for view in views]),
         size_m=state.scale * mesh.extents,
         turns=None if estimate.turns is None else estimate.turns.probability,
+        turned=None if estimate.turns is None else _turned(state, estimate.turns),
         prior=_reference(prior),
         vertices=state.to_world(vertices),
         faces=np.asarray(mesh.faces),
         vertex_sigma=surface_sigma(prior.decoder, state, covariance, vertices),
         joint_covariance=covariance.matrix,
     )
+
+
+def _turned(state: ObjectState, turns: Turns) -> Float[np.ndarray, "4 9+l"] | None:
+    """As the map has them."""
+    if not turns.states:
+        return None
+    return np.array([state.local_coordinates(state if other is None else other) for other in turns.states])
 
 
 def _reference(prior: ShapePrior) -> PriorReference:

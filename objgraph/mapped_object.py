@@ -35,6 +35,7 @@ _SHAPES: dict[str, tuple[int | None, ...]] = {
     "cameras": (None, 4, 4),
     "size_m": (3,),
     "turns": (4,),
+    "turned": (4, None),
     "vertices": (None, 3),
     "faces": (None, 3),
     "vertex_sigma": (None,),
@@ -102,6 +103,9 @@ class MappedObject:
     turns: Float[np.ndarray, "4"] | None = None
     """Probabilities that it stands like this, or within the same box turned by a quarter, a half and three quarters about
     its up axis; None where no other heading comes near. The covariance is of this heading alone."""
+    turned: Float[np.ndarray, "4 9+l"] | None = None
+    """What leads from its state to the likeliest at each of these turns (`ObjectState.retract`); zeros where one has no
+    chance."""
     prior: PriorReference | None = None
     evaluation: Mapping[str, Any] | None = None
     """`EVALUATION_KEYS` where there is ground truth; of a failed object `pose_correct` is False, the rest None."""
@@ -149,8 +153,16 @@ class MappedObject:
 
     @property
     def other_headings(self) -> Turns | None:
-        """`turns`, for `box_pose`."""
-        return None if self.turns is None else Turns(self.turns)
+        """`turns` and `turned`, for `box_pose` and `known_object`."""
+        if self.turns is None:
+            return None
+        if self.turned is None:
+            return Turns(self.turns)
+        state = self.state
+        states = [
+            state.retract(row) if p > 0 else None for row, p in zip(self.turned, self.turns, strict=True)
+        ]
+        return Turns(self.turns, tuple(states))
 
     @property
     def view_cost(self) -> float | None:
@@ -191,6 +203,10 @@ def _check_consistency(entry: MappedObject) -> None:
         raise _bad(entry, "cameras", f"are {len(entry.cameras)}, for {len(entry.views)} views")
     if entry.cameras is not None and not all(map_checks.is_rigid(T) for T in entry.cameras):
         raise _bad(entry, "cameras", "are no rigid transforms")
+    if entry.turned is not None:
+        length = None if entry.code is None else RIGID_DOF + len(entry.code)
+        if entry.turns is None or entry.turned.shape[1] != length:
+            raise _bad(entry, "turned", f"has shape {entry.turned.shape}, not 4 x {length}, or no turns")
     try:
         _ = entry.other_headings
     except CovarianceError as error:

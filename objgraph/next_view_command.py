@@ -38,8 +38,8 @@ class NextViewCommand:
     """Lowest and highest angle above the object's middle, degrees."""
     cameras: Path | None = None
     """Candidates of your own in place of the spheres: a trajectory file in the TUM format."""
-    criterion: Criterion = "pose"
-    """What to gain: information on the 9-DoF pose, on everything, or a sure surface."""
+    criterion: Criterion = "corners"
+    """What to gain: surer corners of the box, information on the 9-DoF pose or on everything, or a surer surface."""
     focal: float = 525.0
     """Of the camera, pixels."""
     size: tuple[int, int] = (640, 480)

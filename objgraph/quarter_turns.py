@@ -57,7 +57,8 @@ class Turned:
 
     def turns(self, quarter: int, temperature: float) -> Turns:
         """Of the object as it stands turned by so many quarters."""
-        return Turns.of_costs(np.roll(self.costs, -quarter), temperature)
+        states = self.states[quarter:] + self.states[:quarter]
+        return Turns.of_costs(np.roll(self.costs, -quarter), temperature, states)
 
 
 def quarter_turns(

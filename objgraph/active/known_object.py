@@ -5,37 +5,34 @@ from dataclasses import dataclass
 
 import gtsam
 import numpy as np
-import trimesh
-import trimesh.sample
-from jaxtyping import Float, Int
+from jaxtyping import Float
 
-from factors.sdf import metres_per_unit, query_points, sdf_jacobian
-from factors.state import ObjectState
+from factors.state import RIGID_DOF, ObjectState
+from objgraph.active.headings import OtherHeading, other_headings
+from objgraph.active.surface_sample import SurfaceSample, metric_sdf, sample_surface
 from objgraph.covariance.labelled import ObjectCovariance
+from objgraph.covariance.turns import Turns
 from objgraph.errors import ActiveVisionError
-from objgraph.mesh import extract_mesh
 from objgraph.prior.prior import ShapePrior
 
 
 @dataclass(frozen=True, eq=False)
-class KnownObject:
+class KnownObject(SurfaceSample):
     """An estimate, and its surface linearised once: candidates differ only in which of its points they see."""
 
     name: str
     information: Float[np.ndarray, "d d"]
     """Inverse covariance of pose, log-scale and code."""
-    points: Float[np.ndarray, "m 3"]
-    """Evenly over the surface, world frame."""
-    normals: Float[np.ndarray, "m 3"]
-    """Outward, world frame."""
     jacobian: Float[np.ndarray, "m d"]
     """Of the metric SDF at the points."""
-    residual: Float[np.ndarray, "m"]
-    """The decoder's own standard deviation there, metres."""
-    vertices: Float[np.ndarray, "v 3"]
-    faces: Int[np.ndarray, "f 3"]
+    corner_jacobian: Float[np.ndarray, "24 9"]
+    """Of the corners of its box, world frame, w.r.t. pose and log-scale."""
     seen_from: tuple[gtsam.Pose3, ...] = ()
     """T_world_camera of the views that the estimate is made from; none says that nothing of it was seen yet."""
+    probability: float = 1.0
+    """That it stands as it was found."""
+    others: tuple[OtherHeading, ...] = ()
+    """How else it may stand."""
 
     @property
     def surface_sigma(self) -> Float[np.ndarray, "m"]:
@@ -56,17 +53,20 @@ def known_object(
     covariance: ObjectCovariance,
     *,
     seen_from: Sequence[gtsam.Pose3] = (),
+    turns: Turns | None = None,
     points: int = 600,
     resolution: int = 48,
     seed: int = 0,
 ) -> KnownObject:
     """What an estimate that was made from some views says of its surface, at that many points.
 
+    `turns` with their states are the other headings that it may have.
+
     Raises:
         ActiveVisionError: the covariance is not of this state, or not positive definite.
         SolveError: the code has no surface.
     """
-    d = 9 + len(state.code)
+    d = RIGID_DOF + len(state.code)
     if covariance.matrix.shape != (d, d):
         raise ActiveVisionError(
             f"{name}: its covariance is over {len(covariance.axes)} axes, its state has {d}"
@@ -75,24 +75,38 @@ def known_object(
         root = np.linalg.inv(np.linalg.cholesky(covariance.matrix))
     except np.linalg.LinAlgError as error:
         raise ActiveVisionError(f"{name}: its covariance is not positive definite") from error
-    mesh = extract_mesh(prior.decoder, state.code, resolution)
-    vertices, faces = state.to_world(np.asarray(mesh.vertices)), np.asarray(mesh.faces)
-    world = trimesh.Trimesh(vertices, faces, process=False)
-    p_world, face = trimesh.sample.sample_surface(world, points, seed=seed)[:2]
-    query = query_points(prior.decoder, state, gtsam.Pose3(), np.asarray(p_world))
-    jet = prior.decoder.linearize(query.p_object, query.code[None])
-    metres = metres_per_unit(jet.d_point, state).double()
-    jacobian = metres[:, None] * sdf_jacobian(query, jet, camera=False).double()
-    residual = (prior.residual_sigma * metres).cpu().numpy()
-    normals = np.asarray(world.face_normals)[face]
+    surface = sample_surface(prior, state, points, resolution, seed)
+    corners = _corners(prior, state, surface)
+    others = () if turns is None else other_headings(prior, state, surface, turns, corners, resolution, seed)
     return KnownObject(
-        name,
-        root.T @ root,
-        np.asarray(p_world),
-        normals,
-        jacobian.detach().cpu().numpy(),
-        residual,
-        vertices,
-        faces,
-        tuple(seen_from),
+        **vars(surface),
+        name=name,
+        information=root.T @ root,
+        jacobian=metric_sdf(prior, state, surface.points)[1],
+        corner_jacobian=_corner_jacobian(state, corners),
+        seen_from=tuple(seen_from),
+        probability=1.0 if turns is None else float(turns.probability[0]),
+        others=others,
     )
+
+
+def _corners(prior: ShapePrior, state: ObjectState, surface: SurfaceSample) -> Float[np.ndarray, "8 3"]:
+    """Of the prior's box or, where it has none, of the one about the object's own surface; canonical."""
+    if prior.box is not None:
+        low, high = -prior.box / 2, prior.box / 2
+    else:
+        p_object = state.to_object(surface.vertices)
+        low, high = p_object.min(axis=0), p_object.max(axis=0)
+    return np.stack(np.meshgrid(*np.stack([low, high], axis=1), indexing="ij"), axis=-1).reshape(8, 3)
+
+
+def _corner_jacobian(state: ObjectState, p_object: Float[np.ndarray, "8 3"]) -> Float[np.ndarray, "24 9"]:
+    """R [-[s p]x, I, diag(s p)], corner by corner: GTSAM's Pose3 tangent in the body frame, then the log-scale."""
+    R = state.T_world_object.rotation().matrix()
+    metric = p_object * state.scale
+    rows = [np.concatenate([-_cross(p), np.eye(3), np.diag(p)], axis=1) for p in metric]
+    return np.concatenate([R @ row for row in rows])
+
+
+def _cross(v: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3 3"]:
+    return np.array([[0, -v[2], v[1]], [v[2], 0, -v[0]], [-v[1], v[0], 0]])

@@ -20,17 +20,23 @@ import numpy as np
 import open3d as o3d
 from jaxtyping import Bool, Float
 
+from factors.state import RIGID_DOF
+from objgraph.active.headings import OtherHeading, risk
 from objgraph.active.known_object import KnownObject
+from objgraph.active.surface_sample import SurfaceSample
 from objgraph.errors import ActiveVisionError
 from objgraph.object_factors import GraphConfig
 from objgraph.observation import Intrinsics
+from objgraph.quarter_turns import QuarterTurnsConfig
 from objgraph.sampling import SamplingConfig, SensorNoise, patch_shares
 
-Criterion = Literal["information", "pose", "surface"]
+Criterion = Literal["corners", "pose", "information", "surface"]
 _FACTORS = 2.0
 """The 3D and the 2D factor, each of which counts what it sees."""
 _GRAZING = 0.1
 """Cosine between the surface's normal and the line of sight below which depth is not measured."""
+_SATURATED = 9.0
+"""Squared residual over variance beyond which the factors' robust losses count little more."""
 _HIDDEN = 0.02
 """Metres in front of a point at which something hides it: less is the surface itself."""
 
@@ -48,6 +54,8 @@ class ViewConfig:
     """As `SamplingConfig.patch`."""
     evidence: float = GraphConfig.evidence
     """As `GraphConfig.evidence`."""
+    temperature: float = QuarterTurnsConfig.temperature
+    """As `QuarterTurnsConfig.temperature`: so many nats between two headings are believed as one."""
     min_share: float = 0.1
     """Of an object's surface that must be seen for the view to be one of it."""
 
@@ -62,6 +70,9 @@ class ObjectGain:
     """The same on the 9-DoF pose alone."""
     surface: float
     """Expected decrease of the mean variance over the whole surface, square metres."""
+    corners: float
+    """Expected decrease of the mean square error of the box's corners, square metres: by what is learnt of the pose, and by
+    what tells the heading from the others that the object may have."""
     seen: float
     """Share of the surface's points that are seen."""
 
@@ -73,7 +84,7 @@ class ViewGain:
     T_world_camera: gtsam.Pose3
     objects: dict[str, ObjectGain]
 
-    def total(self, criterion: Criterion = "pose") -> float:
+    def total(self, criterion: Criterion = "corners") -> float:
         """Over all objects: what they do not share is added up."""
         return sum(getattr(gain, criterion) for gain in self.objects.values())
 
@@ -83,7 +94,7 @@ def next_views(
     cameras: Sequence[gtsam.Pose3],
     config: ViewConfig | None = None,
     *,
-    criterion: Criterion = "pose",
+    criterion: Criterion = "corners",
     others: Sequence[tuple[np.ndarray, np.ndarray]] = (),
     progress: Callable[[int, int], None] | None = None,
 ) -> list[ViewGain]:
@@ -97,18 +108,26 @@ def next_views(
     if not objects or not cameras:
         raise ActiveVisionError(f"{len(objects)} objects and {len(cameras)} cameras: both must be some")
     config = config or ViewConfig()
-    scene = o3d.t.geometry.RaycastingScene()
-    for vertices, faces in [*((known.vertices, known.faces) for known in objects), *others]:
-        scene.add_triangles(np.asarray(vertices, np.float32), np.asarray(faces, np.uint32))
+    meshes = [(known.vertices, known.faces) for known in objects]
+    scene = _scene([*meshes, *others])
     gains: list[dict[str, ObjectGain]] = [{} for _ in cameras]
     for i, known in enumerate(objects):
-        judge = _Judge(known, known_precision(known, scene, config), config)
+        rest = [*meshes[:i], *meshes[i + 1 :], *others]
+        turned = [_scene([(other.vertices, other.faces), *rest]) for other in known.others]
+        judge = _Judge(known, scene, turned, config)
         for gain, camera in zip(gains, cameras, strict=True):
-            gain[known.name] = judge.gain(camera, scene)
+            gain[known.name] = judge.gain(camera)
         if progress is not None:
             progress(i + 1, len(objects))
     found = [ViewGain(camera, gain) for camera, gain in zip(cameras, gains, strict=True)]
     return sorted(found, key=lambda view: -view.total(criterion))
+
+
+def _scene(meshes: Sequence[tuple[np.ndarray, np.ndarray]]) -> o3d.t.geometry.RaycastingScene:
+    scene = o3d.t.geometry.RaycastingScene()
+    for vertices, faces in meshes:
+        scene.add_triangles(np.asarray(vertices, np.float32), np.asarray(faces, np.uint32))
+    return scene
 
 
 def known_precision(
@@ -136,18 +155,45 @@ def expected_information(
 
     `precision` is what other views have measured the points with (`known_precision`); None where there were none.
     """
-    p_camera = _in_camera(known.points[seen], T_world_camera)
-    share = np.minimum(1.0, config.evidence * patch_shares(p_camera, config.patch, most=0.25))
+    share, depth = _shares(known, T_world_camera, seen, config)
     before = np.zeros(len(share)) if precision is None else precision[seen]
-    after = before + config.noise(p_camera[:, 2]) ** -2
+    after = before + config.noise(depth) ** -2
     shared = known.residual[seen] ** 2
     weight = after / (1 + shared * after) - before / (1 + shared * before)
     jacobian = known.jacobian[seen]
     return _FACTORS * (jacobian * (share * weight)[:, None]).T @ jacobian
 
 
+def divergence(
+    surface: SurfaceSample,
+    distance: Float[np.ndarray, "m"],
+    T_world_camera: gtsam.Pose3,
+    scene: o3d.t.geometry.RaycastingScene,
+    config: ViewConfig,
+) -> float:
+    """Nats by which a view of this surface is expected to speak for it and against one at these distances from its points."""
+    seen = visible(surface, T_world_camera, scene, config)
+    if seen.mean() < config.min_share:
+        return 0.0
+    share, depth = _shares(surface, T_world_camera, seen, config)
+    squared = distance[seen] ** 2 / (config.noise(depth) ** 2 + surface.residual[seen] ** 2)
+    return _FACTORS * 0.5 * float(share @ np.minimum(squared, _SATURATED))
+
+
+def _shares(
+    surface: SurfaceSample, T_world_camera: gtsam.Pose3, seen: Bool[np.ndarray, "m"], config: ViewConfig
+) -> tuple[Float[np.ndarray, "s"], Float[np.ndarray, "s"]]:
+    """What each point that is seen counts for, and its depth."""
+    p_camera = _in_camera(surface.points[seen], T_world_camera)
+    share = np.minimum(1.0, config.evidence * patch_shares(p_camera, config.patch, most=0.25))
+    return share, p_camera[:, 2]
+
+
 def visible(
-    known: KnownObject, T_world_camera: gtsam.Pose3, scene: o3d.t.geometry.RaycastingScene, config: ViewConfig
+    known: SurfaceSample,
+    T_world_camera: gtsam.Pose3,
+    scene: o3d.t.geometry.RaycastingScene,
+    config: ViewConfig,
 ) -> Bool[np.ndarray, "m"]:
     """Which of the object's points face the camera, lie in its picture and range, and are hidden by nothing."""
     p_camera = _in_camera(known.points, T_world_camera)
@@ -170,28 +216,56 @@ def visible(
 class _Judge:
     """One object's gains: what does not depend on the camera is computed once."""
 
-    def __init__(self, known: KnownObject, precision: Float[np.ndarray, "m"], config: ViewConfig) -> None:
-        self.known, self.precision, self.config = known, precision, config
+    def __init__(
+        self,
+        known: KnownObject,
+        scene: o3d.t.geometry.RaycastingScene,
+        turned: Sequence[o3d.t.geometry.RaycastingScene],
+        config: ViewConfig,
+    ) -> None:
+        """`turned` are the scenes in which the object stands in its other headings."""
+        self.known, self.scene, self.turned, self.config = known, scene, turned, config
+        self.precision = known_precision(known, scene, config)
         self.covariance = np.linalg.inv(known.information)
         self.log_det = np.linalg.slogdet(known.information)[1]
-        self.pose_log_det = np.linalg.slogdet(self.covariance[:9, :9])[1]
+        self.pose_log_det = np.linalg.slogdet(self.covariance[:RIGID_DOF, :RIGID_DOF])[1]
         self.surface = known.jacobian.T @ known.jacobian / len(known.jacobian)
         self.variance = float((self.surface * self.covariance).sum())
+        self.corners = known.corner_jacobian.T @ known.corner_jacobian / 8
+        self.risk = risk(known.probability, known.others, [0.0] * len(known.others))
 
-    def gain(self, camera: gtsam.Pose3, scene: o3d.t.geometry.RaycastingScene) -> ObjectGain:
-        seen = visible(self.known, camera, scene, self.config)
+    def gain(self, camera: gtsam.Pose3) -> ObjectGain:
+        seen = visible(self.known, camera, self.scene, self.config)
         share = float(seen.mean())
         if share < self.config.min_share:
-            return ObjectGain(0.0, 0.0, 0.0, share)
+            return ObjectGain(0.0, 0.0, 0.0, 0.0, share)
         added = expected_information(self.known, camera, seen, self.config, self.precision)
         information = self.known.information + added
         after = np.linalg.inv(information)
+        rigid = after[:RIGID_DOF, :RIGID_DOF]
+        less = self.covariance[:RIGID_DOF, :RIGID_DOF] - rigid
         return ObjectGain(
             0.5 * float(np.linalg.slogdet(information)[1] - self.log_det),
-            0.5 * float(self.pose_log_det - np.linalg.slogdet(after[:9, :9])[1]),
+            0.5 * float(self.pose_log_det - np.linalg.slogdet(rigid)[1]),
             self.variance - float((self.surface * after).sum()),
+            float((self.corners * less).sum()) + self._heading(camera),
             share,
         )
+
+    def _heading(self, camera: gtsam.Pose3) -> float:
+        """Expected decrease of the mean square error that the wrong heading makes, square metres."""
+        nats = [
+            self._apart(other, camera, scene) / self.config.temperature
+            for other, scene in zip(self.known.others, self.turned, strict=True)
+        ]
+        return self.risk - risk(self.known.probability, self.known.others, nats)
+
+    def _apart(
+        self, other: OtherHeading, camera: gtsam.Pose3, scene: o3d.t.geometry.RaycastingScene
+    ) -> float:
+        """Nats between the object as it was found and turned, the mean of both views of it."""
+        own = divergence(self.known, other.of_own, camera, self.scene, self.config)
+        return 0.5 * (own + divergence(other, other.to_own, camera, scene, self.config))
 
 
 def _in_camera(points: Float[np.ndarray, "n 3"], T_world_camera: gtsam.Pose3) -> Float[np.ndarray, "n 3"]:

@@ -34,7 +34,10 @@ def known_objects(
         _check_prior(entry, prior)
         name = f"{entry.category} {entry.id}"
         seen_from = [gtsam.Pose3(T) for T in entry.cameras] if entry.cameras is not None else []
-        known = known_object(name, prior, entry.state, entry.uncertainty, seen_from=seen_from, points=points)
+        known = known_object(
+            name, prior, entry.state, entry.uncertainty,
+            seen_from=seen_from, turns=entry.other_headings, points=points,
+        )  # fmt: skip
         found.append(known)
     return found
 

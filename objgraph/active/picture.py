@@ -14,11 +14,12 @@ from objgraph.colors import sigma_colors, sigma_limit
 from objgraph.figure import finish
 
 LABELS: dict[Criterion, str] = {
+    "corners": "expected decrease of the corners' mean square error (cm²)",
     "information": "expected information on pose, scale and shape (nats)",
     "pose": "expected information on the 9-DoF pose (nats)",
     "surface": "expected decrease of the mean surface variance (cm²)",
 }
-UNITS: dict[Criterion, float] = {"information": 1.0, "pose": 1.0, "surface": 1e4}
+UNITS: dict[Criterion, float] = {"corners": 1e4, "information": 1.0, "pose": 1.0, "surface": 1e4}
 """From `ViewGain.total` to the label's unit."""
 
 
@@ -29,7 +30,7 @@ def sphere_picture(
     up_world: Float[np.ndarray, "3"],
     path: Path,
     *,
-    criterion: Criterion = "pose",
+    criterion: Criterion = "corners",
 ) -> None:
     """The object's points by their standard deviation and the candidates about it by what they are expected to tell.
 

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
+from factors.state import ObjectState
 from objgraph.errors import CovarianceError
 
 QUARTERS = 4
@@ -20,6 +21,8 @@ class Turns:
     Raises:
         CovarianceError: these are no probabilities.
     """
+    states: tuple[ObjectState | None, ...] = ()
+    """The object at each of them, of the shape that was likeliest there; empty where they were not kept."""
 
     def __post_init__(self) -> None:
         p = np.asarray(self.probability, float)
@@ -28,11 +31,13 @@ class Turns:
         object.__setattr__(self, "probability", p)
 
     @staticmethod
-    def of_costs(costs: Float[np.ndarray, "4"], temperature: float) -> "Turns":
+    def of_costs(
+        costs: Float[np.ndarray, "4"], temperature: float, states: tuple[ObjectState | None, ...] = ()
+    ) -> "Turns":
         """From negative log-posteriors, the estimate's own first; one that is not finite has no chance."""
         costs = np.where(np.isfinite(costs), costs, np.inf)
         weight = np.exp((costs.min() - costs) / temperature)
-        return Turns(weight / weight.sum())
+        return Turns(weight / weight.sum(), states)
 
     def second_moment(self, extents: Float[np.ndarray, "3"]) -> Float[np.ndarray, "9 9"]:
         """Mean square of what leads from the estimated box to the turned ones, over `BOX_AXES`."""

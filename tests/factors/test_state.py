@@ -24,6 +24,20 @@ def test_values_round_trip_and_points_round_trip(seed, angle):
     np.testing.assert_allclose(homogeneous[:, :3], state.to_world(points), atol=1e-12)
 
 
+def test_local_coordinates_lead_to_the_other_state():
+    one = ObjectState(
+        gtsam.Pose3(gtsam.Rot3.Rodrigues(0.3, -1.0, 0.4), np.array([1.0, 2, 3])), np.zeros(3), np.ones(4)
+    )
+    for angle in (0.0, 1.5, np.pi):
+        turn = gtsam.Pose3(gtsam.Rot3.Ry(angle), np.array([0.1, -0.2, 0.3]))
+        other = ObjectState(one.T_world_object.compose(turn), np.array([0.1, 0.2, -0.4]), np.arange(4.0))
+        found = one.retract(one.local_coordinates(other))
+        assert found.T_world_object.equals(other.T_world_object, 1e-9)
+        np.testing.assert_allclose(found.log_scale, other.log_scale, atol=1e-12)
+        np.testing.assert_allclose(found.code, other.code, atol=1e-12)
+    np.testing.assert_allclose(one.local_coordinates(one), np.zeros(13), atol=1e-12)
+
+
 def test_retract_is_gtsams(keys):
     rng = np.random.default_rng(0)
     state, delta = random_state(rng), rng.normal(size=9 + CODE_LENGTH)

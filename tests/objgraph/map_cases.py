@@ -54,6 +54,7 @@ def mapped(identifier: int = 1, seed: int = 0, **changes) -> MappedObject:
         "cameras": np.tile(T, (len(changes.get("views", ("0", "12"))), 1, 1)),
         "size_m": rng.uniform(0.5, 2, 3),
         "turns": rng.dirichlet(np.ones(4)),
+        "turned": rng.normal(size=(4, 9 + (8 if changes.get("code") is None else len(changes["code"])))),
         "prior": PriorReference("chair", "ab12"),
         "evaluation": dict.fromkeys(EVALUATION_KEYS, 0.5) | {"pose_correct": np.True_, "volume_iou": None},
         "vertices": np.asarray(ball.vertices) + T[:3, 3],

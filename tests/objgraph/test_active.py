@@ -248,7 +248,7 @@ def test_of_two_objects_gains_are_added_and_the_best_comes_first(chair):
     assert totals[0] > totals[-1]
     for view in views:
         assert set(view.objects) == {"chair 1", "chair 2"}
-        assert view.total() == pytest.approx(sum(gain.pose for gain in view.objects.values()))
+        assert view.total() == pytest.approx(sum(gain.corners for gain in view.objects.values()))
         assert view.total("surface") == pytest.approx(sum(gain.surface for gain in view.objects.values()))
     hidden = next_views([chair], about(chair), CONFIG, others=[(other.vertices, other.faces)])
     alone = next_views([chair], about(chair), CONFIG)
@@ -298,6 +298,17 @@ def test_a_maps_objects_are_known_by_their_own_prior(chair):
     camera = about(chair, 1)[0]
     (found,) = known_objects(toy_map(views=("0",), cameras=camera.matrix()[None]), priors=[toy_prior()])
     (seen_from,) = found.seen_from
+    state = seen_once()[0]
+    other = replace(
+        state, T_world_object=state.T_world_object.compose(gtsam.Pose3(gtsam.Rot3.Ry(np.pi), np.zeros(3)))
+    )
+    turned = np.zeros((4, D))
+    turned[2] = state.local_coordinates(other)
+    doubtful = toy_map(turns=np.array([0.7, 0.0, 0.3, 0.0]), turned=turned)
+    (found,) = known_objects(doubtful, priors=[toy_prior()])
+    (heading,) = found.others
+    assert (found.probability, heading.probability) == (0.7, 0.3)
+    np.testing.assert_allclose(heading.vertices, other.to_world(state.to_object(found.vertices)), atol=1e-6)
     assert seen_from.equals(camera, 1e-12)
     with pytest.raises(ActiveVisionError, match=r"objects \[2\] are not mapped; mapped are \[1\]"):
         known_objects(toy_map(), [2], [toy_prior()])
@@ -325,7 +336,7 @@ def test_the_command_lists_the_best_views_and_writes_them(tmp_path, monkeypatch)
     assert [view["gain"] for view in document["views"]] == [view.total() for view in views]
     np.testing.assert_allclose(document["views"][0]["T_world_camera"], views[0].T_world_camera.matrix())
     assert (tmp_path / "out" / "next_view_chair_1.png").stat().st_size > 10_000
-    assert "pose (nats)" in " ".join(text.split())
+    assert "corners' mean square error (cm²)" in " ".join(text.split())
     surface = run_next_view(replace(command, criterion="surface", out=None), console)
     assert "(cm²)" in (text := console.export_text().replace("\n", " "))
     assert f"{1e4 * surface[0].total('surface'):.3g}" in text

@@ -19,6 +19,7 @@ JSON_NAMES = [
     "id",
     "category",
     "cameras",
+    "turned",
     "status",
     "reason",
     "T_world_object",
@@ -61,7 +62,17 @@ finite = st.floats(-1e6, 1e6)
     | st.dictionaries(st.sampled_from(EVALUATION_KEYS), st.none() | st.booleans() | finite),
     drop=st.sets(
         st.sampled_from(
-            ["covariance", "vertex_sigma", "size_m", "prior", "seconds", "code_sigma", "estimator", "cameras"]
+            [
+                "covariance",
+                "vertex_sigma",
+                "size_m",
+                "prior",
+                "seconds",
+                "code_sigma",
+                "estimator",
+                "cameras",
+                "turned",
+            ]
         )
     ),
     second=st.none() | st.builds(other, st.integers(0, 2**31), estimator=st.text(min_size=1, max_size=6)),

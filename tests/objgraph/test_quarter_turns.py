@@ -49,6 +49,12 @@ def test_a_chair_that_was_found_the_wrong_way_round_is_turned(quarter):
     assert alone.turns is None
     assert found.turns is not None
     assert found.turns.probability[0] > 0.99
+    own, was = found.turns.states[0], found.turns.states[-quarter]
+    assert own is not None
+    assert was is not None
+    for state, there in ((own, found.state), (was, alone.state)):
+        turn = state.T_world_object.rotation().between(there.T_world_object.rotation())
+        assert np.linalg.norm(gtsam.Rot3.Logmap(turn)) < 0.2
 
 
 def test_a_turn_that_is_cheaper_by_chance_is_not_taken():
