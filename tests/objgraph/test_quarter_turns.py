@@ -49,7 +49,7 @@ def test_a_chair_that_was_found_the_wrong_way_round_is_turned(quarter):
     assert alone.turns is None
     assert found.turns is not None
     assert found.turns.probability[0] > 0.99
-    own, was = found.turns.states[0], found.turns.states[-quarter]
+    own, was = found.turns.states[0], found.turns.states[quarter]
     assert own is not None
     assert was is not None
     for state, there in ((own, found.state), (was, alone.state)):
