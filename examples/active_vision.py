@@ -302,9 +302,9 @@ def draw(metrics: dict[str, Any], path: Path) -> None:
         ("curves", "box_m", "error of box corners", f"{count} object{'s' * (count > 1)}"),
         ("curves_right", "box_m", "error of box corners", f"the {right} never in a wrong heading"),
     )
-    for axis, (curves, name, label, which) in zip(axes, panels, strict=True):
+    for axis, (over, name, label, which) in zip(axes, panels, strict=True):
         for policy in POLICIES:
-            found = metrics[curves][name][policy]
+            found = metrics[over][name][policy]
             errors = [100 * error for error in found.values()]
             axis.plot([int(n) for n in found], errors, "o-", label=policy.replace("_", " "))
         axis.set(xlabel="views", ylabel=f"mean {label} (cm)", title=which)

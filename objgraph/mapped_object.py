@@ -205,8 +205,10 @@ def _check_consistency(entry: MappedObject) -> None:
         raise _bad(entry, "cameras", "are no rigid transforms")
     if entry.turned is not None:
         length = None if entry.code is None else RIGID_DOF + len(entry.code)
-        if entry.turns is None or entry.turned.shape[1] != length:
-            raise _bad(entry, "turned", f"has shape {entry.turned.shape}, not 4 x {length}, or no turns")
+        if entry.turns is None:
+            raise _bad(entry, "turned", "is given without turns")
+        if entry.turned.shape[1] != length:
+            raise _bad(entry, "turned", f"has shape {entry.turned.shape}, not 4 x {length}")
     try:
         _ = entry.other_headings
     except CovarianceError as error:

@@ -9,6 +9,7 @@ from jaxtyping import Float
 from factors.state import ObjectState
 from objgraph.active.surface_sample import SurfaceSample, metric_sdf, sample_surface
 from objgraph.covariance.turns import Turns
+from objgraph.errors import SolveError
 from objgraph.prior.prior import ShapePrior
 
 _LIKELY = 0.02
@@ -42,7 +43,10 @@ def other_headings(
     for probability, turned in zip(turns.probability[1:], turns.states[1:], strict=False):
         if probability < _LIKELY or turned is None:
             continue
-        surface = sample_surface(prior, turned, len(own.points), resolution, seed)
+        try:
+            surface = sample_surface(prior, turned, len(own.points), resolution, seed)
+        except SolveError:  # what has no surface shows nothing that would tell it from the object's own
+            continue
         found.append(
             OtherHeading(
                 **vars(surface),

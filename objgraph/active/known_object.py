@@ -104,9 +104,5 @@ def _corner_jacobian(state: ObjectState, p_object: Float[np.ndarray, "8 3"]) -> 
     """R [-[s p]x, I, diag(s p)], corner by corner: GTSAM's Pose3 tangent in the body frame, then the log-scale."""
     R = state.T_world_object.rotation().matrix()
     metric = p_object * state.scale
-    rows = [np.concatenate([-_cross(p), np.eye(3), np.diag(p)], axis=1) for p in metric]
+    rows = [np.concatenate([-gtsam.SO3.Hat(p), np.eye(3), np.diag(p)], axis=1) for p in metric]
     return np.concatenate([R @ row for row in rows])
-
-
-def _cross(v: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3 3"]:
-    return np.array([[0, -v[2], v[1]], [v[2], 0, -v[0]], [-v[1], v[0], 0]])

@@ -104,7 +104,7 @@ def box_jacobian(
     jacobian = np.zeros((9, RIGID_DOF + length))
     centre = sides.mean(axis=0)
     jacobian[:6, :6] = np.eye(6)
-    jacobian[3:6, :3] = -_cross(centre)
+    jacobian[3:6, :3] = -gtsam.SO3.Hat(centre)
     jacobian[3:6] += d_sides.mean(axis=0)
     jacobian[6:] = (d_sides[1] - d_sides[0]) / (sides[1] - sides[0])[:, None]
     return jacobian
@@ -122,7 +122,3 @@ def _moves(
     if cosine.max() <= 0:
         raise SolveError(f"no surface faces the side of the box along {'-+'[sign > 0]}{'xyz'[axis]}")
     return -(d_code[facing] / d_point[facing, axis, None]).mean(axis=0)
-
-
-def _cross(v: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3 3"]:
-    return np.array([[0, -v[2], v[1]], [v[2], 0, -v[0]], [-v[1], v[0], 0]])

@@ -47,6 +47,7 @@ class ShapePrior:
     """Edges of the box that every shape is stretched to in the decoder's frame (`BoxFrame`); None where the
     decoder takes coordinates of diagonal 1 as they are."""
     box_misfit: BoxMisfit = field(default_factory=BoxMisfit)
+    """How far boxes of real objects lie from those that its shapes have."""
 
     @property
     def is_fallback(self) -> bool:

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from scipy.stats import norm
 
 from factors.state import ObjectState
+from objgraph.active import headings
 from objgraph.active.cameras import looking_at, sphere
 from objgraph.active.headings import OtherHeading, risk
 from objgraph.active.known_object import KnownObject, known_object
@@ -23,6 +24,7 @@ from objgraph.active.next_view import (
 from objgraph.active.surface_sample import metric_sdf
 from objgraph.covariance.labelled import ObjectCovariance
 from objgraph.covariance.turns import Turns
+from objgraph.errors import SolveError
 from objgraph.sampling import patch_shares
 from tests.objgraph.test_active import scene_of
 from tests.toys import INTRINSICS, toy_prior, toy_state
@@ -86,6 +88,21 @@ def test_headings_that_are_likely_are_kept_with_their_distance(doubtful):
     )
     assert np.abs(metric_sdf(toy_prior(), turned(state, np.pi), other.points)[0]).max() < 0.02
     assert np.abs(other.to_own).max() > 0.1
+
+
+def test_a_heading_without_a_surface_is_not_asked_about(monkeypatch):
+    """... and does not take the object down."""
+    state, sampled = toy_state(), headings.sample_surface
+
+    def sample(prior, at, *settings):
+        if at is not state:
+            raise SolveError("the code has no surface")
+        return sampled(prior, at, *settings)
+
+    monkeypatch.setattr(headings, "sample_surface", sample)
+    turns = Turns(np.array([0.5, 0.0, 0.5, 0.0]), (state, None, turned(state, np.pi), None))
+    found = known_object("chair", toy_prior(), state, COVARIANCE, turns=turns)
+    assert found.others == ()
 
 
 @given(st.floats(0.01, 0.99), st.floats(0.0, 60.0))
