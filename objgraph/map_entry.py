@@ -65,7 +65,7 @@ def map_entry(
         prior=_reference(prior),
         vertices=state.to_world(vertices),
         faces=np.asarray(mesh.faces),
-        vertex_sigma=surface_sigma(prior.decoder, state, covariance, vertices),
+        vertex_sigma=surface_sigma(prior.decoder, state, covariance.times(prior.surface_misfit), vertices),
         joint_covariance=covariance.matrix,
     )
 

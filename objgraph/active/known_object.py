@@ -27,6 +27,8 @@ class KnownObject(SurfaceSample):
     """Of the metric SDF at the points."""
     corner_jacobian: Float[np.ndarray, "24 9"]
     """Of the corners of its box, world frame, w.r.t. pose and log-scale."""
+    surface_misfit: float = 1.0
+    """Factor on the variances of the surface (`ShapePrior.surface_misfit`)."""
     seen_from: tuple[gtsam.Pose3, ...] = ()
     """T_world_camera of the views that the estimate is made from; none says that nothing of it was seen yet."""
     probability: float = 1.0
@@ -37,7 +39,7 @@ class KnownObject(SurfaceSample):
     @property
     def surface_sigma(self) -> Float[np.ndarray, "m"]:
         """Standard deviation of the surface along its normal at the points, metres."""
-        covariance = np.linalg.inv(self.information)
+        covariance = self.surface_misfit * np.linalg.inv(self.information)
         return np.sqrt(np.einsum("mi,ij,mj->m", self.jacobian, covariance, self.jacobian, optimize=True))
 
     @property
@@ -84,6 +86,7 @@ def known_object(
         information=root.T @ root,
         jacobian=metric_sdf(prior, state, surface.points)[1],
         corner_jacobian=_corner_jacobian(state, corners),
+        surface_misfit=prior.surface_misfit,
         seen_from=tuple(seen_from),
         probability=1.0 if turns is None else float(turns.probability[0]),
         others=others,

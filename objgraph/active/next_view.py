@@ -229,7 +229,7 @@ class _Judge:
         self.covariance = np.linalg.inv(known.information)
         self.log_det = np.linalg.slogdet(known.information)[1]
         self.pose_log_det = np.linalg.slogdet(self.covariance[:RIGID_DOF, :RIGID_DOF])[1]
-        self.surface = known.jacobian.T @ known.jacobian / len(known.jacobian)
+        self.surface = known.surface_misfit * known.jacobian.T @ known.jacobian / len(known.jacobian)
         self.variance = float((self.surface * self.covariance).sum())
         self.corners = known.corner_jacobian.T @ known.corner_jacobian / 8
         self.risk = risk(known.probability, known.others, [0.0] * len(known.others))

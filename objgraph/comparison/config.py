@@ -58,13 +58,14 @@ def row_settings(source: CaseSource, config: ComparisonConfig, name: str, catego
     Raises:
         EvaluationError: there is no such method.
     """
-    chosen = method(name)
+    chosen, prior = method(name), find_prior(category, config.priors)
     common = {k: v for k, v in asdict(config).items() if k != "priors"}
     return {
         "data": {"dataset": source.dataset, **source.settings()},
         "common": settings_of(common),
         "method": {"estimator": settings_of(chosen.estimator()), "sampling": settings_of(chosen.sampling)},
         "prior": prior_hash(category, config),
+        "misfit": {"box": settings_of(prior.box_misfit), "surface": prior.surface_misfit},
     }
 
 

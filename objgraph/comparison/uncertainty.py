@@ -27,7 +27,7 @@ class SurfaceErrors:
     error: Float[np.ndarray, "n"]
     """|SDF| of the estimate, which is zero where it is right."""
     sigma: Float[np.ndarray, "n"]
-    """Standard deviation of the SDF by the estimate's joint covariance of pose, scale and code, nothing added."""
+    """Standard deviation of the SDF by the estimate's joint covariance of pose, scale and code."""
     metres: Float[np.ndarray, "n"] | float = 1.0
     """Metres a unit of the decoder's SDF at each point: the paper correlates the decoder's own values."""
 
@@ -80,7 +80,8 @@ def surface_errors(
     points: int = POINTS,
     seed: int = 0,
 ) -> SurfaceErrors:
-    """|SDF| of the estimate at points of the true surface, and sqrt(diag(J Σ J^T)) there (eq:sdf_variance).
+    """|SDF| of the estimate at points of the true surface, and sqrt(diag(J Σ J^T)) there (eq:sdf_variance), with the
+    prior's `surface_misfit` as a factor on Σ.
 
     Raises:
         EvaluationError: the ground truth is no mesh, or its pose no pose.
@@ -88,5 +89,6 @@ def surface_errors(
     placed = PlacedMesh.of_truth(truth)
     surface = trimesh.Trimesh(placed.p_world, placed.faces, process=False)
     p_world = np.asarray(trimesh.sample.sample_surface(surface, points, seed=seed)[0])
-    sdf, sigma, metres = metric_sdf(prior.decoder, state, covariance, p_world)
+    of_surface = covariance.times(prior.surface_misfit)
+    sdf, sigma, metres = metric_sdf(prior.decoder, state, of_surface, p_world)
     return SurfaceErrors(sdf.abs().numpy(), sigma.numpy(), metres.numpy())

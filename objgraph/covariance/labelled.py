@@ -1,7 +1,7 @@
 """A covariance that says what each of its axes is: which quantity, in which unit and frame."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Self
 
 import numpy as np
@@ -77,6 +77,10 @@ class LabelledCovariance:
         """The covariance of quantities with this derivative w.r.t. the axes: J Σ J^T."""
         matrix = jacobian @ self.matrix @ jacobian.T
         return LabelledCovariance(0.5 * (matrix + matrix.T), tuple(axes), self.source, self.subject)
+
+    def times(self, factor: float) -> Self:
+        """All variances and covariances multiplied."""
+        return replace(self, matrix=factor * self.matrix)
 
     def squared_distance(self, error: Float[np.ndarray, "d"]) -> float:
         """Squared Mahalanobis length of an error; its mean over honest estimates is the number of axes."""

@@ -48,6 +48,8 @@ class ShapePrior:
     decoder takes coordinates of diagonal 1 as they are."""
     box_misfit: BoxMisfit = field(default_factory=BoxMisfit)
     """How far boxes of real objects lie from those that its shapes have."""
+    surface_misfit: float = 1.0
+    """Factor on the variances that marginals give the surface of real objects; one where nothing was measured."""
 
     @property
     def is_fallback(self) -> bool:

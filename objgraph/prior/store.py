@@ -45,6 +45,7 @@ def save_prior(prior: ShapePrior, path: Path) -> None:
         "size_log_sigma": prior.size_log_sigma,
         **({} if prior.anisotropy_sigma is None else {"anisotropy_sigma": prior.anisotropy_sigma}),
         "box_misfit": asdict(prior.box_misfit),
+        "surface_misfit": prior.surface_misfit,
         "sha256": digest(tensors),
         "card": {k: v for k, v in prior.card.items() if k not in _HEADER},
     }
@@ -76,6 +77,7 @@ def load_prior_file(path: Path) -> ShapePrior:
         numbers = [float(header[key]) for key in ("residual_sigma", "size_mean", "size_log_sigma")]
         anisotropy = float(header["anisotropy_sigma"]) if "anisotropy_sigma" in header else None
         misfit = BoxMisfit(**{key: float(value) for key, value in dict(header.get("box_misfit", {})).items()})
+        surface_misfit = float(header.get("surface_misfit", 1.0))
         card = {**header["card"], **{key: header[key] for key in _HEADER}}
         category = str(header["category"])
     except (KeyError, TypeError, ValueError, RuntimeError, FactorError) as error:
@@ -96,11 +98,13 @@ def load_prior_file(path: Path) -> ShapePrior:
         *([] if box is None else [box]),
         numbers,
         [] if anisotropy is None else [anisotropy],
-        list(asdict(misfit).values()),
+        [*asdict(misfit).values(), surface_misfit],
         *(value.numpy() for value in decoder.state_dict().values()),
     ]
     if not all(np.isfinite(array).all() for array in arrays):
         raise PriorError(f"{path}: a weight or statistic is not finite")
+    if surface_misfit <= 0:
+        raise PriorError(f"{path}: the factor on its surfaces' variances is {surface_misfit}, not positive")
     decoder.requires_grad_(False).eval()
     return ShapePrior(
         category,
@@ -113,6 +117,7 @@ def load_prior_file(path: Path) -> ShapePrior:
         anisotropy_sigma=anisotropy,
         box=box,
         box_misfit=misfit,
+        surface_misfit=surface_misfit,
     )
 
 

@@ -177,6 +177,11 @@ def test_the_gain_is_that_of_the_information_added(chair):
     assert gain.surface == pytest.approx(spread[0] - spread[1])
     assert gain.seen == seen.mean()
     np.testing.assert_allclose(chair.surface_sigma**2, [J @ before @ J for J in chair.jacobian])
+    looser = replace(chair, surface_misfit=3.0)
+    (of_looser,) = next_views([looser], [camera], CONFIG)
+    assert of_looser.objects["chair 1"].surface == pytest.approx(3 * gain.surface)
+    assert of_looser.objects["chair 1"].information == pytest.approx(gain.information)
+    np.testing.assert_allclose(looser.surface_sigma, np.sqrt(3) * chair.surface_sigma)
     assert np.linalg.eigvalsh(added).min() > -1e-6 * np.linalg.eigvalsh(added).max()
 
 

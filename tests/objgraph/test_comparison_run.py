@@ -15,6 +15,7 @@ from objgraph.comparison.measure import Job, measure
 from objgraph.comparison.methods import METHODS, Method
 from objgraph.comparison.rows import ObjectRow
 from objgraph.errors import EvaluationError
+from objgraph.prior.box_misfit import BoxMisfit
 from tests.objgraph.comparison_fakes import FAST, THIN, FakeCase, FakeEstimator, FakeSource, install, row
 from tests.toys import toy_prior
 
@@ -280,6 +281,10 @@ def test_other_settings_are_refused(tmp_path, calls, monkeypatch):
     other = replace(toy_prior(), card={"sha256": "other weights"})
     monkeypatch.setattr(comparison_config, "find_prior", lambda category, files: other)
     assert "prior: toy before, other weights now" in refused(comparison)
+    other = replace(toy_prior(), surface_misfit=2.0, box_misfit=BoxMisfit(centre=0.1))
+    message = refused(comparison)
+    assert "misfit.box.centre: 0.005 before, 0.1 now" in message
+    assert "misfit.surface: 1.0 before, 2.0 now" in message
     assert len(calls) == 8
     (comparison.out / "settings.json").unlink()
     assert "made with other settings" in refused(comparison)

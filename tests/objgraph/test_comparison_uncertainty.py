@@ -105,6 +105,16 @@ def test_a_right_estimate_has_no_error_and_the_sigma_of_its_translation():
     assert sideways.mean() == pytest.approx(share, abs=0.08)
 
 
+def test_surfaces_are_known_as_well_as_the_prior_makes_them():
+    state, matrix = toy_state(), np.diag(np.linspace(1e-4, 1e-3, LENGTH))
+    usual = surface_errors(toy_prior(), state, covariance(matrix), truth_of(state), points=500)
+    prior = replace(toy_prior(), surface_misfit=4.0)
+    worse = surface_errors(prior, state, covariance(matrix), truth_of(state), points=500)
+    np.testing.assert_allclose(worse.sigma, 2 * usual.sigma)
+    np.testing.assert_array_equal(worse.error, usual.error)
+    assert worse.pearson == pytest.approx(usual.pearson)
+
+
 def test_a_shifted_estimate_is_off_by_the_shift():
     state = toy_state()
     T = state.T_world_object

@@ -13,7 +13,7 @@ from factors.state import ObjectKeys
 from objgraph.covariance.labelled import RIGID_AXES, ObjectCovariance
 from objgraph.covariance.marginals import Posterior, marginals
 from objgraph.covariance.surface import surface_sigma
-from objgraph.errors import SolveError
+from objgraph.errors import CovarianceError, SolveError
 from objgraph.graph import GraphConfig, ObjectGraph
 from objgraph.mapped_object import COVARIANCE_AXES
 from objgraph.mesh import extract_mesh
@@ -116,6 +116,16 @@ def test_axes_and_blocks():
     np.testing.assert_array_equal(covariance.code, covariance.matrix[RIGID:, RIGID:])
     np.testing.assert_allclose(covariance.sigma**2, np.diag(covariance.matrix))
     assert np.linalg.eigvalsh(covariance.matrix).min() > 0
+
+
+def test_a_covariance_times_a_factor_keeps_its_meaning():
+    covariance = ObjectCovariance.diagonal(np.arange(1.0, 14.0), "marginals", "chair 1")
+    wider = covariance.times(2.5)
+    assert isinstance(wider, ObjectCovariance)
+    np.testing.assert_allclose(wider.sigma, np.sqrt(2.5) * covariance.sigma)
+    assert (wider.axes, wider.source, wider.subject) == (covariance.axes, "marginals", "chair 1")
+    with pytest.raises(CovarianceError, match="negative variance"):
+        covariance.times(-1.0)
 
 
 def test_each_axis_is_what_its_label_says():

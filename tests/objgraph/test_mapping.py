@@ -14,10 +14,13 @@ from factors.state import ObjectState
 from objgraph import mapping
 from objgraph.adam import AdamConfig
 from objgraph.adam.terms import RaySteps
+from objgraph.covariance.labelled import ObjectCovariance
+from objgraph.covariance.surface import surface_sigma
 from objgraph.errors import InitialisationError, ObservationError, SolveError
 from objgraph.evaluation.maps import evaluated
 from objgraph.initialise import InitialisationConfig
 from objgraph.map import ObjectMap
+from objgraph.map_entry import Found, map_entry
 from objgraph.mapping import MappingConfig, map_object, map_scan, scene_points
 from objgraph.object_factors import GraphConfig
 from objgraph.observation import GroundTruth, Instance, Scan
@@ -302,6 +305,25 @@ def test_an_estimate_without_covariance_cannot_be_mapped():
     certain = replace(CONFIG, estimator="adam", adam=replace(ADAM, iterations=2, uncertainty=False))
     with pytest.raises(SolveError, match=r"chair 3: .*no covariance"):
         map_object(Instance(3, "chair"), toy_prior(), views, UP, 0.0, certain)
+
+
+def test_surfaces_of_the_map_are_as_uncertain_as_the_prior_says():
+    state, prior = toy_state(1.0), toy_prior()
+    covariance = ObjectCovariance.diagonal(np.full(13, 1e-4), "marginals")
+    estimate = Found(state, covariance, 2.0, 1.0, 1, 1)
+    views = [observe(toy_frame([state], 0.3), 1, CONFIG.sampling)]
+    usual, wide = (
+        map_entry(Instance(3, "chair"), replace(prior, surface_misfit=factor), estimate, views, 24)
+        for factor in (1.0, 4.0)
+    )
+    assert usual.vertices is not None
+    assert usual.vertex_sigma is not None
+    expected = surface_sigma(prior.decoder, state, covariance, state.to_object(usual.vertices))
+    np.testing.assert_allclose(usual.vertex_sigma, expected, rtol=1e-4)
+    assert wide.vertex_sigma is not None
+    np.testing.assert_allclose(wide.vertex_sigma, 2 * expected, rtol=1e-4)
+    # what is asked of the map later is the graph's own
+    np.testing.assert_array_equal(wide.joint_covariance, covariance.matrix)
 
 
 def test_the_covariance_of_many_chairs_covers_their_truth():

@@ -105,6 +105,14 @@ def test_what_was_measured_of_boxes_is_kept(prior: ShapePrior, tmp_path: Path) -
     assert load_prior(path).box_misfit == measured
 
 
+def test_what_was_measured_of_surfaces_is_kept(prior: ShapePrior, tmp_path: Path) -> None:
+    path = tmp_path / "lamp.safetensors"
+    save_prior(replace(prior, surface_misfit=2.5), path)
+    assert load_prior(path).surface_misfit == 2.5
+    rewrite(path, lambda tensors, header: header.pop("surface_misfit"))  # files of before it was kept
+    assert load_prior(path).surface_misfit == 1.0
+
+
 def test_not_finite_weights(prior: ShapePrior, tmp_path: Path) -> None:
     path = tmp_path / "lamp.safetensors"
     save_prior(replace(prior, residual_sigma=float("nan")), path)
@@ -127,6 +135,9 @@ def test_not_finite_weights(prior: ShapePrior, tmp_path: Path) -> None:
         lambda tensors, header: header.update(box_misfit=[0.1]),
         lambda tensors, header: header.update(box_misfit={"view_cost": 0.0}),
         lambda tensors, header: header.update(box_misfit={"marginals": float("inf")}),
+        lambda tensors, header: header.update(surface_misfit=0.0),
+        lambda tensors, header: header.update(surface_misfit=float("inf")),
+        lambda tensors, header: header.update(surface_misfit="much"),
     ],
 )
 def test_header_that_does_not_fit_the_weights(prior: ShapePrior, tmp_path: Path, change) -> None:
