@@ -177,7 +177,7 @@ def test_the_gain_is_that_of_the_information_added(chair):
     assert gain.surface == pytest.approx(spread[0] - spread[1])
     assert gain.seen == seen.mean()
     np.testing.assert_allclose(chair.surface_sigma**2, [J @ before @ J for J in chair.jacobian])
-    looser = replace(chair, surface_misfit=3.0)
+    looser = known_object("chair 1", replace(toy_prior(), surface_misfit=3.0), *seen_once())
     (of_looser,) = next_views([looser], [camera], CONFIG)
     assert of_looser.objects["chair 1"].surface == pytest.approx(3 * gain.surface)
     assert of_looser.objects["chair 1"].information == pytest.approx(gain.information)

@@ -163,7 +163,8 @@ def test_shipped_priors() -> None:
         assert np.linalg.eigvalsh(prior.code_covariance).min() > 0
         assert 0 < prior.residual_sigma < 0.02
         assert prior.card["heldout"]["collected"]
-        assert (prior.box_misfit == BoxMisfit()) == (category == "car")  # whose boxes nothing was measured of
+        # of cars nothing was measured
+        assert (prior.box_misfit == BoxMisfit()) == (prior.surface_misfit == 1.0) == (category == "car")
         with torch.no_grad():
             code = torch.from_numpy(prior.code_mean[None]).float()
             corners = 0.55 * torch.cartesian_prod(*[torch.tensor([-1.0, 1.0])] * 3)
