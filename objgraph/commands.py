@@ -18,8 +18,10 @@ from objgraph.evaluation.maps import evaluated
 from objgraph.lidar.mapping import LidarMappingConfig, map_lidar
 from objgraph.lidar.picture import street_picture
 from objgraph.lidar.street import ensure_street
+from objgraph.lidar.task import ROADS, LidarTaskConfig
 from objgraph.map import ObjectMap
 from objgraph.mapping import MappingConfig, map_scan, scene_points
+from objgraph.object_factors import GraphConfig
 from objgraph.observation import Scan
 from objgraph.picture import map_picture
 from objgraph.report import evaluation_table, map_table
@@ -54,6 +56,10 @@ class MapCommand:
     """Folder of the ShapeNet meshes; by default beside `root`. Read by the evaluation alone."""
     config: Annotated[MappingConfig, tyro.conf.arg(name="")] = field(default_factory=MappingConfig)
     """How it is mapped."""
+    lidar: LidarTaskConfig = field(default_factory=LidarTaskConfig)
+    """Of kitti and street: views, the road and the detector's errors."""
+    lidar_graph: GraphConfig = ROADS
+    """Of kitti and street: how measurements and priors are weighed there."""
 
 
 def run_map(command: MapCommand, console: Console) -> ObjectMap:
@@ -86,13 +92,20 @@ def _map_lidar(command: MapCommand, console: Console) -> ObjectMap:
         raise DatasetError(
             f"data set '{command.dataset}' is mapped by the graph alone; see objgraph evaluate for the others"
         )
+    for name in ("views", "view", "sampling", "initialisation", "graph"):
+        if getattr(config, name) != getattr(MappingConfig(), name):
+            raise DatasetError(
+                f"data set '{command.dataset}' does not use --{name}: see --lidar and --lidar-graph"
+            )
     frame = load_frame(root, command.scene or (frames(root)[0] if command.dataset == STREET else None))
     if command.categories:
         kept = tuple(each for each in frame.detections if each.category in command.categories)
         frame = replace(frame, detections=kept)
     if not frame.detections:
         raise DatasetError(f"frame {frame.name}: nothing is detected that could be mapped")
-    settings = LidarMappingConfig(config.seed, config.mesh_resolution, config.priors, solver=config.solver)
+    settings = LidarMappingConfig(
+        config.seed, config.mesh_resolution, config.priors, command.lidar, command.lidar_graph, config.solver
+    )
     with telling(console) as tell:
         object_map = map_lidar(frame, settings, tell)
     object_map.save(command.out)

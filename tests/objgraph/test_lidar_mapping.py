@@ -1,5 +1,6 @@
 """Cars from single scans: every one has a result or a reason, near the truth, and covariances behave as physics says."""
 
+import json
 from dataclasses import replace
 
 import numpy as np
@@ -102,3 +103,26 @@ def test_the_command_line_maps_the_street(street, tmp_path, capsys):
     assert "5 of 5 objects mapped" in capsys.readouterr().out
     assert (tmp_path / "out" / "map.png").stat().st_size > 10_000
     assert len(ObjectMap.load(tmp_path / "out").mapped) == 5
+
+
+def test_settings_of_a_lidar_are_options_and_those_of_a_camera_are_refused(street, tmp_path, capsys):
+    arguments = ["map", "--dataset", "kitti", "--root", str(street), "--out", str(tmp_path / "out")]
+    given = [
+        "--lidar.detector.position",
+        "0.2",
+        "--lidar.sampling.free",
+        "40",
+        "--lidar-graph.floor-sigma",
+        "0.1",
+    ]
+    assert main([*arguments, *given, "--seed", "3", "--mesh-resolution", "32"]) == 0
+    used = json.loads((tmp_path / "out" / "config.json").read_text())
+    assert used["task"]["detector"]["position"] == 0.2
+    assert used["task"]["sampling"]["free"] == 40
+    assert (used["graph"]["floor_sigma"], used["seed"]) == (0.1, 3)
+    assert used["graph"]["tight_box"]  # what was not given is as it is for roads
+    capsys.readouterr()
+    for option in ("--graph.floor-sigma", "--sampling.flying"):
+        assert main([*arguments, option, "0.1"]) == 1
+        message = " ".join(capsys.readouterr().out.split())
+        assert f"does not use {option.split('.')[0]}: see --lidar and --lidar-graph" in message
