@@ -114,7 +114,7 @@ class MappedObject:
     faces: Int[np.ndarray, "f 3"] | None = None
     """Counter-clockwise seen from outside."""
     vertex_sigma: Float[np.ndarray, "v"] | None = None
-    """Standard deviation of the surface at each vertex, metres."""
+    """Standard deviation of the surface at each vertex, metres, with the prior's `surface_misfit`."""
     joint_covariance: Float[np.ndarray, "9+l 9+l"] | None = None
     """Of pose, log-scale and code together; `covariance` and `code_sigma` are parts of it."""
 
