@@ -7,7 +7,8 @@ import numpy as np
 from jaxtyping import Float
 
 from factors.state import ObjectState
-from objgraph.active.surface_sample import SurfaceSample, metric_sdf, sample_surface
+from objgraph.active.surface_sample import SurfaceSample, sample_surface
+from objgraph.covariance.surface import metric_sdf_jacobian
 from objgraph.covariance.turns import Turns
 from objgraph.errors import SolveError
 from objgraph.prior.prior import ShapePrior
@@ -52,8 +53,8 @@ def other_headings(
                 **vars(surface),
                 probability=float(probability),
                 square_distance=_square_distance(state, turned, corners),
-                to_own=metric_sdf(prior, state, surface.points)[0],
-                of_own=metric_sdf(prior, turned, own.points)[0],
+                to_own=metric_sdf_jacobian(prior.decoder, state, surface.points)[0].numpy(),
+                of_own=metric_sdf_jacobian(prior.decoder, turned, own.points)[0].numpy(),
             )
         )
     return tuple(found)

@@ -9,8 +9,9 @@ from jaxtyping import Float
 
 from factors.state import RIGID_DOF, ObjectState
 from objgraph.active.headings import OtherHeading, other_headings
-from objgraph.active.surface_sample import SurfaceSample, metric_sdf, sample_surface
+from objgraph.active.surface_sample import SurfaceSample, sample_surface
 from objgraph.covariance.labelled import ObjectCovariance
+from objgraph.covariance.surface import metric_sdf_jacobian
 from objgraph.covariance.turns import Turns
 from objgraph.errors import ActiveVisionError
 from objgraph.prior.prior import ShapePrior
@@ -84,7 +85,7 @@ def known_object(
         **vars(surface),
         name=name,
         information=root.T @ root,
-        jacobian=metric_sdf(prior, state, surface.points)[1],
+        jacobian=metric_sdf_jacobian(prior.decoder, state, surface.points)[1].numpy(),
         corner_jacobian=_corner_jacobian(state, corners),
         surface_misfit=prior.surface_misfit,
         seen_from=tuple(seen_from),

@@ -2,14 +2,13 @@
 
 from dataclasses import dataclass
 
-import gtsam
 import numpy as np
 import trimesh
 import trimesh.sample
 from jaxtyping import Float, Int
 
-from factors.sdf import metres_per_unit, query_points, sdf_jacobian
 from factors.state import ObjectState
+from objgraph.covariance.surface import metric_sdf_jacobian
 from objgraph.mesh import extract_mesh
 from objgraph.prior.prior import ShapePrior
 
@@ -40,19 +39,6 @@ def sample_surface(
     vertices, faces = state.to_world(np.asarray(mesh.vertices)), np.asarray(mesh.faces)
     world = trimesh.Trimesh(vertices, faces, process=False)
     p_world, face = trimesh.sample.sample_surface(world, points, seed=seed)[:2]
-    query = query_points(prior.decoder, state, gtsam.Pose3(), np.asarray(p_world))
-    jet = prior.decoder.linearize(query.p_object, query.code[None])
-    residual = (prior.residual_sigma * metres_per_unit(jet.d_point, state)).cpu().numpy()
+    metres = metric_sdf_jacobian(prior.decoder, state, np.asarray(p_world))[2]
+    residual = prior.residual_sigma * metres.numpy()
     return SurfaceSample(np.asarray(p_world), np.asarray(world.face_normals)[face], residual, vertices, faces)
-
-
-def metric_sdf(
-    prior: ShapePrior, state: ObjectState, p_world: Float[np.ndarray, "m 3"]
-) -> tuple[Float[np.ndarray, "m"], Float[np.ndarray, "m d"]]:
-    """Signed distances to an object, metres, and their derivative w.r.t. pose, log-scale and code."""
-    query = query_points(prior.decoder, state, gtsam.Pose3(), p_world)
-    jet = prior.decoder.linearize(query.p_object, query.code[None])
-    metres = metres_per_unit(jet.d_point, state).double()
-    value = metres * jet.value.double().reshape(-1)
-    jacobian = metres[:, None] * sdf_jacobian(query, jet, camera=False).double()
-    return value.detach().cpu().numpy(), jacobian.detach().cpu().numpy()

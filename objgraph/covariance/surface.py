@@ -32,11 +32,22 @@ def metric_sdf(
 
     Both in metres; last, metres per unit of the decoder's own values.
     """
+    sdf, jacobian, metres = metric_sdf_jacobian(decoder, state, p_world)
+    matrix = torch.as_tensor(np.array(covariance.matrix), dtype=jacobian.dtype)
+    sigma = propagated_variance(jacobian, matrix).clamp_min(0).sqrt()
+    return sdf, sigma, metres
+
+
+def metric_sdf_jacobian(
+    decoder: SdfDecoder, state: ObjectState, p_world: Float[np.ndarray, "n 3"]
+) -> tuple[Float[Tensor, "n"], Float[Tensor, "n d"], Float[Tensor, "n"]]:
+    """Signed distance at world points, metres, and its derivative w.r.t. pose, log-scale and code.
+
+    Last, metres per unit of the decoder's own values. All on the processor.
+    """
     # with the camera at the world's origin, camera points are world points
     query = query_points(decoder, state, gtsam.Pose3(), p_world)
     jet = decoder.linearize(query.p_object, query.code[None])
     metres = metres_per_unit(jet.d_point, state).double()
     jacobian = metres[:, None] * sdf_jacobian(query, jet, camera=False).double()
-    matrix = torch.as_tensor(np.array(covariance.matrix), dtype=jacobian.dtype, device=jacobian.device)
-    sigma = propagated_variance(jacobian, matrix).clamp_min(0).sqrt()
-    return (metres * jet.value.double()).cpu(), sigma.cpu(), metres.cpu()
+    return (metres * jet.value.double()).cpu(), jacobian.cpu(), metres.cpu()

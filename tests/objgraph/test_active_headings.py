@@ -21,8 +21,8 @@ from objgraph.active.next_view import (
     next_views,
     visible,
 )
-from objgraph.active.surface_sample import metric_sdf
 from objgraph.covariance.labelled import ObjectCovariance
+from objgraph.covariance.surface import metric_sdf_jacobian
 from objgraph.covariance.turns import Turns
 from objgraph.errors import SolveError
 from objgraph.sampling import patch_shares
@@ -84,9 +84,11 @@ def test_headings_that_are_likely_are_kept_with_their_distance(doubtful):
     moved = corners_of(turned(state, np.pi), p_object) - corners_of(state, p_object)
     assert other.square_distance == pytest.approx(np.square(moved).sum(axis=1).mean())
     np.testing.assert_allclose(
-        other.of_own, metric_sdf(toy_prior(), turned(state, np.pi), doubtful.points)[0]
+        other.of_own, metric_sdf_jacobian(toy_prior().decoder, turned(state, np.pi), doubtful.points)[0]
     )
-    assert np.abs(metric_sdf(toy_prior(), turned(state, np.pi), other.points)[0]).max() < 0.02
+    assert (
+        np.abs(metric_sdf_jacobian(toy_prior().decoder, turned(state, np.pi), other.points)[0]).max() < 0.02
+    )
     assert np.abs(other.to_own).max() > 0.1
 
 
