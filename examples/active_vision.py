@@ -30,27 +30,27 @@ from rich.progress import track
 
 from factors.state import ObjectState
 from objgraph.active.cameras import reachable, sphere
-from objgraph.active.known_object import KnownObject, known_object
 from objgraph.active.next_view import Criterion, ViewConfig, ViewGain, next_views
-from objgraph.active.picture import sphere_picture
-from objgraph.active.views_needed import Row, mean_errors, objects_of, seen_by_all, views_needed, within
-from objgraph.benchmark.cases import UP, BenchmarkConfig, Case, World, synthetic_cases
-from objgraph.benchmark.viewpoints import intrinsics
-from objgraph.comparison.calibration import RIGHT_MODE_DEG
+from objgraph.active.target import KnownObject, known_object
+from objgraph.bench.comparison.calibration import RIGHT_MODE_DEG
+from objgraph.bench.metrics.box_error import box_error, corners_m
+from objgraph.bench.metrics.metrics import evaluate_object
+from objgraph.bench.views_needed import Row, mean_errors, objects_of, seen_by_all, views_needed, within
+from objgraph.bench.worlds.cases import UP, BenchmarkConfig, Case, World, synthetic_cases
+from objgraph.bench.worlds.viewpoints import intrinsics
 from objgraph.covariance.box import box_pose
 from objgraph.errors import ObjectGraphError, ObservationError
-from objgraph.estimation import Estimate, EstimationTask
-from objgraph.evaluation.box_error import box_error, corners_m
-from objgraph.evaluation.metrics import evaluate_object
-from objgraph.graph_estimator import GraphEstimator
-from objgraph.initialise import InitialisationConfig, guesses, rank
-from objgraph.mapping import scene_floor
-from objgraph.mesh import extract_mesh
-from objgraph.object_factors import GraphConfig
-from objgraph.observation import Frame, FrameSource, Scan
-from objgraph.prior.prior import ShapePrior
-from objgraph.prior.registry import load_prior
-from objgraph.sampling import ObjectView, SamplingConfig, observe
+from objgraph.estimate.graph import GraphEstimator
+from objgraph.estimate.task import Estimate, EstimationTask
+from objgraph.graph.builder import GraphConfig
+from objgraph.graph.initialise import InitialisationConfig, guesses, rank
+from objgraph.maps.pipeline import scene_floor
+from objgraph.observation.frames import Frame, FrameSource, Scan
+from objgraph.observation.sampling import ObjectView, SamplingConfig, observe
+from objgraph.priors.mesh import extract_mesh
+from objgraph.priors.registry import load_prior
+from objgraph.priors.shape_prior import ShapePrior
+from objgraph.show.next_view import sphere_picture
 
 GOAL = 4
 """Views of the policy that the others are measured against."""

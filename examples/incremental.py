@@ -19,12 +19,12 @@ import tyro
 
 import objgraph
 from objgraph.datasets.registry import load_scan
-from objgraph.mesh import extract_mesh
-from objgraph.observation import Frame, Instance
-from objgraph.odometry import OdometryNoise, dead_reckoning, drifting_motions
+from objgraph.datasets.trajectory import Trajectory, absolute_trajectory_error, write_tum
+from objgraph.observation.frames import Frame, Instance
+from objgraph.priors.mesh import extract_mesh
+from objgraph.slam.odometry import OdometryNoise, dead_reckoning, drifting_motions
 from objgraph.synthetic.camera import CameraConfig
 from objgraph.synthetic.sample import SampleConfig, ensure_sample
-from objgraph.trajectory import Trajectory, absolute_trajectory_error, write_tum
 
 UP, FLOOR = np.array([0.0, 0.0, 1.0]), 0.0
 

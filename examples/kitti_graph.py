@@ -25,22 +25,22 @@ from factors.state import ObjectKeys, ObjectState
 from factors.surface import SurfaceFactor
 from factors.weighting import Weighting
 from objgraph.covariance.labelled import ObjectCovariance
-from objgraph.covariance.marginals import marginals
+from objgraph.covariance.posterior import marginals
 from objgraph.datasets.kitti import load_frame, load_labels
 from objgraph.errors import ObservationError
-from objgraph.estimation import Estimate
-from objgraph.evaluation.boxes import OrientedBox, box_iou
-from objgraph.lidar.observe import observe_lidar
-from objgraph.lidar.picture import street_picture
-from objgraph.lidar.road import road_under
-from objgraph.lidar.street import ensure_street
-from objgraph.map import ObjectMap
-from objgraph.map_entry import found, map_entry
-from objgraph.mapped_object import MappedObject
-from objgraph.observation import Instance
-from objgraph.prior.registry import prior_for
-from objgraph.report import map_table
-from objgraph.solve import Problem, solve
+from objgraph.estimate.task import Estimate
+from objgraph.geometry.boxes import OrientedBox, box_iou
+from objgraph.graph.solve import Problem, solve
+from objgraph.maps.entry import found, map_entry
+from objgraph.maps.mapped_object import MappedObject
+from objgraph.maps.object_map import ObjectMap
+from objgraph.observation.frames import Instance
+from objgraph.observation.lidar.observe import observe_lidar
+from objgraph.observation.lidar.road import road_under
+from objgraph.priors.registry import prior_for
+from objgraph.show.street_picture import street_picture
+from objgraph.show.tables import map_table
+from objgraph.synthetic.street import ensure_street
 
 
 @dataclass

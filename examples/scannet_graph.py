@@ -25,22 +25,23 @@ from factors.priors import code_prior, scale_prior, upright_prior
 from factors.state import ObjectKeys, ObjectState
 from factors.surface import SurfaceFactor
 from factors.weighting import Weighting
-from objgraph.covariance.marginals import marginals
+from objgraph.bench.metrics.maps import evaluated
+from objgraph.bench.metrics.tables import evaluation_table
+from objgraph.covariance.posterior import marginals
 from objgraph.covariance.surface import surface_sigma
 from objgraph.datasets.registry import load_scan
-from objgraph.evaluation.maps import evaluated
-from objgraph.initialise import InitialisationConfig, guesses, rank
-from objgraph.map import ObjectMap
-from objgraph.mapped_object import MappedObject
-from objgraph.mapping import scene_floor, scene_points
-from objgraph.mesh import extract_mesh
-from objgraph.object_factors import GraphConfig
-from objgraph.picture import map_picture
-from objgraph.prior.registry import prior_for
-from objgraph.report import evaluation_table, map_table
-from objgraph.sampling import observe
-from objgraph.solve import LevenbergMarquardtConfig, Problem, minimize
-from objgraph.view_selection import summarize
+from objgraph.graph.builder import GraphConfig
+from objgraph.graph.initialise import InitialisationConfig, guesses, rank
+from objgraph.graph.solve import LevenbergMarquardtConfig, Problem, minimize
+from objgraph.maps.mapped_object import MappedObject
+from objgraph.maps.object_map import ObjectMap
+from objgraph.maps.pipeline import scene_floor, scene_points
+from objgraph.observation.sampling import observe
+from objgraph.observation.view_selection import summarize
+from objgraph.priors.mesh import extract_mesh
+from objgraph.priors.registry import prior_for
+from objgraph.show.map_picture import map_picture
+from objgraph.show.tables import map_table
 
 
 @dataclass

@@ -29,14 +29,14 @@ from scipy.stats import chi2
 
 import objgraph
 from objgraph.datasets.registry import load_scan
+from objgraph.datasets.trajectory import Trajectory, absolute_trajectory_error, write_tum
 from objgraph.errors import InitialisationError, ObservationError
-from objgraph.mapping import scene_floor
-from objgraph.observation import Frame, FrameSource, Scan
-from objgraph.odometry import OdometryNoise, dead_reckoning, drifting_motions
-from objgraph.sampling import SamplingConfig, rigid_pose
+from objgraph.maps.pipeline import scene_floor
+from objgraph.observation.frames import Frame, FrameSource, Scan
+from objgraph.observation.sampling import SamplingConfig, rigid_pose
+from objgraph.slam.odometry import OdometryNoise, dead_reckoning, drifting_motions
 from objgraph.synthetic.camera import CameraConfig
 from objgraph.synthetic.sample import SampleConfig, ensure_sample
-from objgraph.trajectory import Trajectory, absolute_trajectory_error, write_tum
 
 FEW = SamplingConfig(
     points=100, hits=40, free=40

@@ -4,21 +4,21 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from objgraph.graph import ObjectGraph, ObjectHandle
-    from objgraph.incremental.object_graph import IncrementalObjectGraph
-    from objgraph.object_factors import GraphConfig
-    from objgraph.prior.registry import load_prior
-    from objgraph.sampling import observe
+    from objgraph.graph.builder import GraphConfig
+    from objgraph.graph.object_graph import ObjectGraph, ObjectHandle
+    from objgraph.observation.sampling import observe
+    from objgraph.priors.registry import load_prior
+    from objgraph.slam.incremental.object_graph import IncrementalObjectGraph
 
 __all__ = ["GraphConfig", "IncrementalObjectGraph", "ObjectGraph", "ObjectHandle", "load_prior", "observe"]
 
 _HOMES = {
-    "GraphConfig": "objgraph.object_factors",
-    "IncrementalObjectGraph": "objgraph.incremental.object_graph",
-    "ObjectGraph": "objgraph.graph",
-    "ObjectHandle": "objgraph.graph",
-    "load_prior": "objgraph.prior.registry",
-    "observe": "objgraph.sampling",
+    "GraphConfig": "objgraph.graph.builder",
+    "IncrementalObjectGraph": "objgraph.slam.incremental.object_graph",
+    "ObjectGraph": "objgraph.graph.object_graph",
+    "ObjectHandle": "objgraph.graph.object_graph",
+    "load_prior": "objgraph.priors.registry",
+    "observe": "objgraph.observation.sampling",
 }
 
 

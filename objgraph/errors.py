@@ -31,6 +31,10 @@ class CovarianceError(ObjectGraphError, ValueError):
     """A covariance is no covariance, or not of what it is said to be."""
 
 
+class GeometryError(ObjectGraphError, ValueError):
+    """A shape that is none: a box without volume."""
+
+
 class EvaluationError(ObjectGraphError, ValueError):
     """An estimate or a ground truth cannot be measured: its mesh is empty or flat, or its pose is no pose."""
 
@@ -49,6 +53,7 @@ __all__ = [
     "DatasetError",
     "EvaluationError",
     "FactorError",
+    "GeometryError",
     "InitialisationError",
     "MapError",
     "ObjectGraphError",

@@ -4,7 +4,7 @@ import numpy as np
 import torch
 
 from factors.sdf_decoder import SdfDecoder
-from objgraph.prior.prior import ShapePrior
+from objgraph.priors.shape_prior import ShapePrior
 
 MEAN_HALF = np.array([0.28, 0.32, 0.26])
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from objgraph.trajectory import read_tum
+from objgraph.datasets.trajectory import read_tum
 from tests.conftest import REPOSITORY
 
 

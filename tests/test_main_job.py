@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from objgraph.cli import main
-from objgraph.map import ObjectMap
-from objgraph.mapped_object import COVARIANCE_AXES, EVALUATION_KEYS
+from objgraph.cli.main import main
+from objgraph.maps.mapped_object import COVARIANCE_AXES, EVALUATION_KEYS
+from objgraph.maps.object_map import ObjectMap
 from objgraph.synthetic.sample import ensure_sample
 
 ENTRIES = {

@@ -10,8 +10,8 @@ import trimesh
 
 from factors.decoder import Decoder, DecoderConfig
 from factors.state import ObjectState
-from objgraph.observation import Frame, FrameSource, Intrinsics
-from objgraph.prior.prior import ShapePrior
+from objgraph.observation.frames import Frame, FrameSource, Intrinsics
+from objgraph.priors.shape_prior import ShapePrior
 
 TOY_CODE = 4
 _ROUNDED = 0.01

@@ -8,10 +8,10 @@ from jaxtyping import Float
 
 from factors.state import ObjectState
 from objgraph.active.surface_sample import SurfaceSample, sample_surface
+from objgraph.covariance.heading_modes import Turns
 from objgraph.covariance.surface import metric_sdf_jacobian
-from objgraph.covariance.turns import Turns
 from objgraph.errors import SolveError
-from objgraph.prior.prior import ShapePrior
+from objgraph.priors.shape_prior import ShapePrior
 
 _LIKELY = 0.02
 """Probability below which a heading is not asked about."""

@@ -22,13 +22,13 @@ from jaxtyping import Bool, Float
 
 from factors.state import RIGID_DOF
 from objgraph.active.headings import OtherHeading, risk
-from objgraph.active.known_object import KnownObject
 from objgraph.active.surface_sample import SurfaceSample
+from objgraph.active.target import KnownObject
 from objgraph.errors import ActiveVisionError
-from objgraph.object_factors import GraphConfig
-from objgraph.observation import Intrinsics
-from objgraph.quarter_turns import QuarterTurnsConfig
-from objgraph.sampling import SamplingConfig, SensorNoise, patch_shares
+from objgraph.estimate.heading_modes import QuarterTurnsConfig
+from objgraph.graph.builder import GraphConfig
+from objgraph.observation.frames import Intrinsics
+from objgraph.observation.sampling import SamplingConfig, SensorNoise, patch_shares
 
 Criterion = Literal["corners", "pose", "information", "surface"]
 _FACTORS = 2.0

@@ -9,8 +9,8 @@ from jaxtyping import Float, Int
 
 from factors.state import ObjectState
 from objgraph.covariance.surface import metric_sdf_jacobian
-from objgraph.mesh import extract_mesh
-from objgraph.prior.prior import ShapePrior
+from objgraph.priors.mesh import extract_mesh
+from objgraph.priors.shape_prior import ShapePrior
 
 
 @dataclass(frozen=True, eq=False)

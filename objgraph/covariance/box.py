@@ -9,12 +9,12 @@ from jaxtyping import Float
 
 from factors.sdf_decoder import SdfDecoder
 from factors.state import RIGID_DOF, ObjectState
+from objgraph.covariance.heading_modes import Turns
 from objgraph.covariance.labelled import LabelledCovariance, ObjectCovariance
-from objgraph.covariance.turns import Turns
 from objgraph.errors import SolveError
-from objgraph.mesh import extract_mesh
-from objgraph.prior.box_misfit import BoxMisfit
-from objgraph.prior.prior import ShapePrior
+from objgraph.priors.mesh import extract_mesh
+from objgraph.priors.misfit import BoxMisfit
+from objgraph.priors.shape_prior import ShapePrior
 
 _OUTERMOST = 0.01
 """Share of an extent within which a vertex belongs to the box's side."""

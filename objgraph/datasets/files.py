@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float, Int, UInt8
 
 from objgraph.errors import DatasetError
-from objgraph.observation import Frame, FrameSource, GroundTruth, Intrinsics
+from objgraph.observation.frames import Frame, FrameSource, GroundTruth, Intrinsics
 
 log = logging.getLogger(__name__)
 

@@ -25,9 +25,9 @@ from objgraph.datasets.folder_files import (
     mask_paths,
     read_camera,
 )
+from objgraph.datasets.trajectory import MAX_DIFFERENCE, associate, read_labelled_poses
 from objgraph.errors import DatasetError
-from objgraph.observation import Scan
-from objgraph.trajectory import MAX_DIFFERENCE, associate, read_labelled_poses
+from objgraph.observation.frames import Scan
 
 log = logging.getLogger(__name__)
 

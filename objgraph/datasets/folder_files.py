@@ -20,7 +20,7 @@ from objgraph.datasets.files import (
     read_matrix,
 )
 from objgraph.errors import DatasetError
-from objgraph.observation import Frame, Instance, Scan
+from objgraph.observation.frames import Frame, Instance, Scan
 
 log = logging.getLogger(__name__)
 

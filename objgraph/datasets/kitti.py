@@ -14,8 +14,8 @@ import numpy as np
 from objgraph.datasets.files import decode_color, decode_instances, pick_scene, read_bytes
 from objgraph.datasets.kitti_files import Calibration, KittiBox, read_boxes, read_calibration, read_velodyne
 from objgraph.errors import DatasetError
-from objgraph.lidar.frame import Detection, LidarFrame, Picture
-from objgraph.observation import Intrinsics
+from objgraph.observation.frames import Intrinsics
+from objgraph.observation.lidar.frame import Detection, LidarFrame, Picture
 
 CATEGORIES = {"Car": "car"}
 """Of the benchmark's types those that there are priors for."""

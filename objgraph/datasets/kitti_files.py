@@ -8,7 +8,7 @@ from jaxtyping import Float
 
 from objgraph.datasets.files import read_bytes
 from objgraph.errors import DatasetError
-from objgraph.lidar.kitti_box import KittiBox
+from objgraph.observation.lidar.kitti_box import KittiBox
 
 DONT_CARE = "DontCare"
 _COLUMNS = 15

@@ -7,7 +7,7 @@ from typing import Any, Protocol
 
 from objgraph.datasets import folder, sample, scannet, sevenscenes, tum
 from objgraph.errors import DatasetError
-from objgraph.observation import Scan
+from objgraph.observation.frames import Scan
 
 
 class Load(Protocol):

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from objgraph.datasets import scannet
-from objgraph.observation import Scan
+from objgraph.observation.frames import Scan
 from objgraph.synthetic.sample import ensure_sample
 
 

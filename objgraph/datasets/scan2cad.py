@@ -22,7 +22,7 @@ from scipy.spatial.transform import Rotation
 
 from objgraph.datasets.files import read_json
 from objgraph.errors import DatasetError
-from objgraph.observation import GroundTruth
+from objgraph.observation.frames import GroundTruth
 
 log = logging.getLogger(__name__)
 

@@ -24,7 +24,7 @@ from objgraph.datasets.files import (
 from objgraph.datasets.scan2cad import load_aligned_models, match_models
 from objgraph.datasets.scannet_files import Recording, mask_reader, open_recording, read_labels
 from objgraph.errors import DatasetError
-from objgraph.observation import Frame, FrameSource, GroundTruth, Instance, Scan
+from objgraph.observation.frames import Frame, FrameSource, GroundTruth, Instance, Scan
 
 log = logging.getLogger(__name__)
 

@@ -21,7 +21,7 @@ from objgraph.datasets.files import (
 )
 from objgraph.datasets.sens import SensFile
 from objgraph.errors import DatasetError
-from objgraph.observation import Intrinsics
+from objgraph.observation.frames import Intrinsics
 
 _MILLIMETRES = 1000.0
 _NUMBER_LINE = re.compile(r"^(\w+) = ([-+]?\d+\.?\d*(?:[eE][-+]?\d+)?)\s*$", re.MULTILINE)

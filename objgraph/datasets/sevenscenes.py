@@ -28,7 +28,7 @@ from objgraph.datasets.files import (
     usable_poses,
 )
 from objgraph.errors import DatasetError
-from objgraph.observation import Frame, Instance, Intrinsics, Scan
+from objgraph.observation.frames import Frame, Instance, Intrinsics, Scan
 
 log = logging.getLogger(__name__)
 

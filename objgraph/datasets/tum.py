@@ -23,9 +23,9 @@ from objgraph.datasets.folder_files import (
     mask_paths,
     read_camera,
 )
+from objgraph.datasets.trajectory import MAX_DIFFERENCE, Trajectory, associate, numbered_words, read_tum
 from objgraph.errors import DatasetError
-from objgraph.observation import Scan
-from objgraph.trajectory import MAX_DIFFERENCE, Trajectory, associate, numbered_words, read_tum
+from objgraph.observation.frames import Scan
 
 log = logging.getLogger(__name__)
 

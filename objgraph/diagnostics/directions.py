@@ -6,8 +6,8 @@ import gtsam
 import numpy as np
 from jaxtyping import Float
 
+from objgraph.diagnostics.keys import Role
 from objgraph.diagnostics.null_space import right_singular
-from objgraph.keys import Role
 
 _PURE = 1e-2
 """A part of a unit direction smaller than this is not worth a word."""

@@ -11,8 +11,8 @@ from scipy.sparse import csc_matrix
 
 from factors.keys import readable_key
 from objgraph.diagnostics.directions import common_in_words, common_motions, in_words
+from objgraph.diagnostics.keys import Role
 from objgraph.diagnostics.null_space import ScaledJacobian, connected, small_null_space
-from objgraph.keys import Role
 
 _MOVES = 1e-2
 """A variable takes part in a direction if it moves by this share of the one that moves most."""

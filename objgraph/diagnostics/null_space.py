@@ -11,8 +11,8 @@ from scipy.sparse import bmat, csc_matrix, csr_matrix, eye
 from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import splu
 
-from objgraph.keys import Role
-from objgraph.linear import sparse_jacobian
+from objgraph.diagnostics.keys import Role
+from objgraph.diagnostics.linear import sparse_jacobian
 
 TOLERANCE = 1e-6
 """A direction of which all factors together say less than this share of what they say of its variables counts

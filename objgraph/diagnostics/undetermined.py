@@ -8,11 +8,11 @@ import numpy as np
 from factors.keys import readable_key
 from factors.state import ObjectKeys
 from objgraph.diagnostics.directions import in_words
+from objgraph.diagnostics.keys import roles
+from objgraph.diagnostics.linear import tangent_dims
 from objgraph.diagnostics.naming import MISSING, Naming, Undetermined
 from objgraph.diagnostics.null_space import TOLERANCE, null_space, scaled_jacobian
 from objgraph.errors import SolveError
-from objgraph.keys import roles
-from objgraph.linear import tangent_dims
 
 
 def undetermined(

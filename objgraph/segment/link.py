@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Int
 from scipy.optimize import linear_sum_assignment
 
-from objgraph.observation import Frame, FrameSource
+from objgraph.observation.frames import Frame, FrameSource
 
 Voxels = frozenset[tuple[int, int, int]]
 

@@ -8,12 +8,12 @@ from pathlib import Path
 
 import numpy as np
 
+from objgraph.atomic_folder import ensure_whole, write_whole
 from objgraph.synthetic.camera import CameraConfig, camera_matrix, camera_path
 from objgraph.synthetic.files import write_frame, write_ground_truth, write_scan_description
 from objgraph.synthetic.render import Renderer
 from objgraph.synthetic.scene import RoomConfig, furnish, room_shell
 from objgraph.synthetic.sensor import SensorConfig, sense_depth, sense_masks
-from objgraph.synthetic.whole import ensure_whole, write_whole
 
 _RECORD = "sample.json"
 _VERSION = 1  # raised when the same configuration begins to give other files

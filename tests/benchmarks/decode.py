@@ -7,7 +7,7 @@ import numpy as np
 import torch
 
 from factors import affine
-from objgraph.prior.registry import load_prior
+from objgraph.priors.registry import load_prior
 
 REPEATS = 15
 

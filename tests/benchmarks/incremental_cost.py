@@ -22,16 +22,16 @@ import numpy as np
 import torch
 
 from factors.state import ObjectKeys, ObjectState
-from objgraph.incremental import object_graph
-from objgraph.incremental.object_graph import IncrementalObjectGraph
-from objgraph.incremental.tracked import TrackedObject, linearize
-from objgraph.object_factors import state_priors
-from objgraph.observation import Frame, Instance
-from objgraph.odometry import OdometryNoise
-from objgraph.sampling import ObjectView, observe
-from objgraph.single_object import single_object
-from objgraph.solve import solve
-from tests.objgraph.test_incremental import QUICK, UP, chair_at
+from objgraph.graph.builder import state_priors
+from objgraph.graph.single_object import single_object
+from objgraph.graph.solve import solve
+from objgraph.observation.frames import Frame, Instance
+from objgraph.observation.sampling import ObjectView, observe
+from objgraph.slam.incremental import object_graph
+from objgraph.slam.incremental.object_graph import IncrementalObjectGraph
+from objgraph.slam.incremental.tracked import TrackedObject, linearize
+from objgraph.slam.odometry import OdometryNoise
+from tests.objgraph.slam.test_incremental import QUICK, UP, chair_at
 from tests.toys import look_at, toy_picture, toy_prior
 
 SEEN = 10

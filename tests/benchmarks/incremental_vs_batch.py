@@ -24,17 +24,17 @@ import trimesh
 from factors.base import Annealing
 from factors.sdf_decoder import SdfDecoder
 from factors.state import ObjectState
-from objgraph.incremental.local import polish
-from objgraph.incremental.object_graph import IncrementalObjectGraph
-from objgraph.initialise import InitialisationConfig
-from objgraph.mesh import extract_mesh
-from objgraph.observation import Instance
-from objgraph.odometry import OdometryNoise, dead_reckoning, drifting_motions
-from objgraph.prior.prior import ShapePrior
-from objgraph.prior.registry import load_prior
-from objgraph.sampling import SamplingConfig
-from objgraph.solve import LevenbergMarquardtConfig, Problem, SolverConfig, minimize
-from tests.objgraph.test_incremental import QUICK, UP
+from objgraph.graph.initialise import InitialisationConfig
+from objgraph.graph.solve import LevenbergMarquardtConfig, Problem, SolverConfig, minimize
+from objgraph.observation.frames import Instance
+from objgraph.observation.sampling import SamplingConfig
+from objgraph.priors.mesh import extract_mesh
+from objgraph.priors.registry import load_prior
+from objgraph.priors.shape_prior import ShapePrior
+from objgraph.slam.incremental.local import polish
+from objgraph.slam.incremental.object_graph import IncrementalObjectGraph
+from objgraph.slam.odometry import OdometryNoise, dead_reckoning, drifting_motions
+from tests.objgraph.slam.test_incremental import QUICK, UP
 from tests.toys import ToyDecoder, look_at, toy_picture, toy_prior
 
 LAPS = 2

@@ -14,9 +14,9 @@ import gtsam
 import numpy as np
 import torch
 
-from objgraph.graph import ObjectGraph, ObjectHandle
+from objgraph.graph.object_graph import ObjectGraph, ObjectHandle
 from tests.benchmarks.incremental_cost import CONFIG, PERIOD, built, camera, corridor, shifted
-from tests.objgraph.test_incremental import UP
+from tests.objgraph.slam.test_incremental import UP
 from tests.toys import toy_prior
 
 QUERIES = 20

@@ -10,13 +10,13 @@ import sys
 import gtsam
 import numpy as np
 
-from objgraph.benchmark.cases import UP, BenchmarkConfig, Case, synthetic_cases
-from objgraph.estimation import EstimationTask
-from objgraph.graph_estimator import GraphEstimator
-from objgraph.initialise import InitialisationConfig, guesses, rank
-from objgraph.object_factors import GraphConfig
-from objgraph.prior.registry import prior_for
-from objgraph.sampling import ObjectView, observe
+from objgraph.bench.worlds.cases import UP, BenchmarkConfig, Case, synthetic_cases
+from objgraph.estimate.graph import GraphEstimator
+from objgraph.estimate.task import EstimationTask
+from objgraph.graph.builder import GraphConfig
+from objgraph.graph.initialise import InitialisationConfig, guesses, rank
+from objgraph.observation.sampling import ObjectView, observe
+from objgraph.priors.registry import prior_for
 
 BLOCKS = {"rotation, deg": slice(0, 3), "translation, cm": slice(3, 6), "log-scale, %": slice(6, 9)}
 UNITS = {"rotation, deg": np.degrees(1.0), "translation, cm": 100.0, "log-scale, %": 100.0}

@@ -1,0 +1,112 @@
+"""An object as a map knows it, ready to be asked what a view of it would tell."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import gtsam
+import numpy as np
+from jaxtyping import Float
+
+from factors.state import RIGID_DOF, ObjectState
+from objgraph.active.headings import OtherHeading, other_headings
+from objgraph.active.surface_sample import SurfaceSample, sample_surface
+from objgraph.covariance.heading_modes import Turns
+from objgraph.covariance.labelled import ObjectCovariance
+from objgraph.covariance.surface import metric_sdf_jacobian
+from objgraph.errors import ActiveVisionError
+from objgraph.priors.shape_prior import ShapePrior
+
+
+@dataclass(frozen=True, eq=False)
+class KnownObject(SurfaceSample):
+    """An estimate, and its surface linearised once: candidates differ only in which of its points they see."""
+
+    name: str
+    information: Float[np.ndarray, "d d"]
+    """Inverse covariance of pose, log-scale and code."""
+    jacobian: Float[np.ndarray, "m d"]
+    """Of the metric SDF at the points."""
+    corner_jacobian: Float[np.ndarray, "24 9"]
+    """Of the corners of its box, world frame, w.r.t. pose and log-scale."""
+    surface_misfit: float = 1.0
+    """Factor on the variances of the surface (`ShapePrior.surface_misfit`)."""
+    seen_from: tuple[gtsam.Pose3, ...] = ()
+    """T_world_camera of the views that the estimate is made from; none says that nothing of it was seen yet."""
+    probability: float = 1.0
+    """That it stands as it was found."""
+    others: tuple[OtherHeading, ...] = ()
+    """How else it may stand."""
+
+    @property
+    def surface_sigma(self) -> Float[np.ndarray, "m"]:
+        """Standard deviation of the surface along its normal at the points, metres."""
+        covariance = self.surface_misfit * np.linalg.inv(self.information)
+        return np.sqrt(np.einsum("mi,ij,mj->m", self.jacobian, covariance, self.jacobian, optimize=True))
+
+    @property
+    def centre(self) -> Float[np.ndarray, "3"]:
+        """Of its box along the world's axes."""
+        return (self.vertices.min(axis=0) + self.vertices.max(axis=0)) / 2
+
+
+def known_object(
+    name: str,
+    prior: ShapePrior,
+    state: ObjectState,
+    covariance: ObjectCovariance,
+    *,
+    seen_from: Sequence[gtsam.Pose3] = (),
+    turns: Turns | None = None,
+    points: int = 600,
+    resolution: int = 48,
+    seed: int = 0,
+) -> KnownObject:
+    """What an estimate that was made from some views says of its surface, at that many points.
+
+    `turns` with their states are the other headings that it may have.
+
+    Raises:
+        ActiveVisionError: the covariance is not of this state, or not positive definite.
+        SolveError: the code has no surface.
+    """
+    d = RIGID_DOF + len(state.code)
+    if covariance.matrix.shape != (d, d):
+        raise ActiveVisionError(
+            f"{name}: its covariance is over {len(covariance.axes)} axes, its state has {d}"
+        )
+    try:
+        root = np.linalg.inv(np.linalg.cholesky(covariance.matrix))
+    except np.linalg.LinAlgError as error:
+        raise ActiveVisionError(f"{name}: its covariance is not positive definite") from error
+    surface = sample_surface(prior, state, points, resolution, seed)
+    corners = _corners(prior, state, surface)
+    others = () if turns is None else other_headings(prior, state, surface, turns, corners, resolution, seed)
+    return KnownObject(
+        **vars(surface),
+        name=name,
+        information=root.T @ root,
+        jacobian=metric_sdf_jacobian(prior.decoder, state, surface.points)[1].numpy(),
+        corner_jacobian=_corner_jacobian(state, corners),
+        surface_misfit=prior.surface_misfit,
+        seen_from=tuple(seen_from),
+        probability=1.0 if turns is None else float(turns.probability[0]),
+        others=others,
+    )
+
+
+def _corners(prior: ShapePrior, state: ObjectState, surface: SurfaceSample) -> Float[np.ndarray, "8 3"]:
+    """Of the prior's box or, where it has none, of the one about the object's own surface; canonical."""
+    if prior.box is not None:
+        low, high = -prior.box / 2, prior.box / 2
+    else:
+        p_object = state.to_object(surface.vertices)
+        low, high = p_object.min(axis=0), p_object.max(axis=0)
+    return np.stack(np.meshgrid(*np.stack([low, high], axis=1), indexing="ij"), axis=-1).reshape(8, 3)
+
+
+def _corner_jacobian(state: ObjectState, p_object: Float[np.ndarray, "8 3"]) -> Float[np.ndarray, "24 9"]:
+    """R [-[s p]x, I, diag(s p)], corner by corner: GTSAM's Pose3 tangent in the body frame, then the log-scale."""
+    R = state.T_world_object.rotation().matrix()
+    metric = p_object * state.scale
+    rows = [np.concatenate([-gtsam.SO3.Hat(p), np.eye(3), np.diag(p)], axis=1) for p in metric]
+    return np.concatenate([R @ row for row in rows])

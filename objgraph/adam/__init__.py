@@ -1,6 +1,0 @@
-"""The paper's estimator, and the Gauss-Newton of DSP-SLAM: both work on the same sampled terms."""
-
-from objgraph.adam.estimator import AdamConfig, AdamEstimator
-from objgraph.adam.gauss_newton import GaussNewtonConfig, GaussNewtonEstimator
-
-__all__ = ["AdamConfig", "AdamEstimator", "GaussNewtonConfig", "GaussNewtonEstimator"]

@@ -1,0 +1,121 @@
+"""One row a method and detected object of single scans, and what rows say of methods (the paper's Table III)."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from itertools import combinations, pairwise
+from typing import Any
+
+import numpy as np
+
+from objgraph.bench.comparison.bootstrap import Resamples
+
+DETECTIONS = "detections"
+"""The name under which the detected boxes themselves stand among the methods."""
+IOUS = {"iou60": 0.6, "iou75": 0.75}
+POINTS_EDGES = (50, 100, 300, 1000)
+DISTANCE_EDGES = (10.0, 20.0, 40.0)
+
+
+@dataclass(frozen=True)
+class BoxRow:
+    """What one method made of one detected object. None where there is no such value."""
+
+    method: str
+    frame: str
+    detection: int
+    settings: str
+    """Digest of all settings and weights that this row depends on."""
+    category: str = "car"
+    failure: str | None = None
+    """Why there is no estimate; its IoU counts as 0."""
+    label: int | None = None
+    """Number of the labelled object that it is; None where no label is near enough or the frame cannot be read, and it is
+    not counted."""
+    points: int | None = None
+    """Returns in the labelled box."""
+    distance_m: float | None = None
+    """From the sensor to the middle of the labelled box."""
+    iou: float | None = None
+    """Of the oriented boxes."""
+    error_m: list[float] | None = None
+    """From the label's middle to the estimate's along the label's axes: right, up, back."""
+    heading_deg: float | None = None
+    size_error_m: list[float] | None = None
+    """Estimated less labelled edges: width, height, length."""
+    sigma_m: list[float] | None = None
+    """Standard deviation of the box' middle along its own axes."""
+    seconds: float | None = None
+    """By the clock, from points and box to the estimate; a frame's objects share it evenly."""
+    seconds_cpu: float | None = None
+    T_world_object: list[list[float]] | None = None
+    size_m: list[float] | None = None
+    version: str = ""
+
+    @property
+    def key(self) -> tuple[str, str, int]:
+        return (self.method, self.frame, self.detection)
+
+
+def counted(rows: Iterable[BoxRow], least_points: int) -> list[BoxRow]:
+    """Rows of labelled objects with that many returns."""
+    return [row for row in rows if row.points is not None and row.points >= least_points]
+
+
+def summarize(rows: Sequence[BoxRow], methods: Sequence[str], seed: int = 0) -> list[dict[str, Any]]:
+    """One entry a method: figures with their intervals (bootstrap over objects), whole and by points and distance."""
+    entries = []
+    for name in methods:
+        chosen = [row for row in rows if row.method == name]
+        if not chosen:
+            continue
+        seconds = [row.seconds for row in chosen if row.seconds is not None]
+        entries.append(
+            {
+                "method": name,
+                "n_failed": sum(row.failure is not None for row in chosen),
+                **_figures(chosen, seed),
+                "seconds": float(np.median(seconds)) if seconds else None,
+                "by_points": _by([row.points or 0 for row in chosen], chosen, POINTS_EDGES, seed),
+                "by_distance_m": _by([row.distance_m or 0.0 for row in chosen], chosen, DISTANCE_EDGES, seed),
+            }
+        )
+    return entries
+
+
+def paired(rows: Sequence[BoxRow], methods: Sequence[str], seed: int = 0) -> list[dict[str, Any]]:
+    """For two methods a and b, the mean of a's IoU less b's on the same objects: above zero where a is better."""
+    found = []
+    for a, b in combinations(methods, 2):
+        first, second = ({(r.frame, r.detection): r for r in rows if r.method == name} for name in (a, b))
+        common = [key for key in first if key in second]
+        if common:
+            draws = Resamples([f"{key[0]}/{first[key].label}" for key in common], seed)
+            difference = np.array([(first[key].iou or 0.0) - (second[key].iou or 0.0) for key in common])
+            mean, interval = draws.mean(difference)
+            ends = None if interval is None else list(interval)
+            found.append({"a": a, "b": b, "n": len(common), "mean_iou": mean, "mean_iou_interval": ends})
+    return found
+
+
+def _by(
+    values: Sequence[float], rows: Sequence[BoxRow], edges: Sequence[float], seed: int
+) -> list[dict[str, Any]]:
+    """The same figures of the rows between each two edges."""
+    bounds = [0.0, *edges, np.inf]
+    found = []
+    for low, high in pairwise(bounds):
+        part = [row for row, value in zip(rows, values, strict=True) if low <= value < high]
+        if part:
+            found.append({"from": low, "to": None if np.isinf(high) else high, **_figures(part, seed)})
+    return found
+
+
+def _figures(rows: Sequence[BoxRow], seed: int) -> dict[str, Any]:
+    draws = Resamples([f"{row.frame}/{row.label}" for row in rows], seed)
+    iou = np.array([row.iou or 0.0 for row in rows])
+    figures = {"mean_iou": draws.mean(iou)}
+    figures |= {name: draws.mean((iou > limit).astype(float)) for name, limit in IOUS.items()}
+    result: dict[str, Any] = {"n": len(rows)}
+    for name, (value, interval) in figures.items():
+        result[name], result[f"{name}_interval"] = value, None if interval is None else list(interval)
+    return result

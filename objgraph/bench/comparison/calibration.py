@@ -1,0 +1,137 @@
+"""Whether covariances hold: of the 9-DoF box against chi-squared, of the surface against its errors."""
+
+import math
+from collections.abc import Sequence
+from itertools import product
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+from scipy.stats import chi2, norm
+
+from objgraph.bench.comparison.bootstrap import Interval, Resamples
+from objgraph.bench.comparison.rows import ObjectRow
+
+LEVELS = (0.50, 0.90, 0.95)
+RIGHT_MODE_DEG = 45.0
+"""An estimate whose heading is farther off, modulo symmetry, has found another mode: no Gaussian about it knows of the
+true one."""
+DOF = 9
+ALL = "all"
+"""In the place of a category: all of them."""
+
+MEASURED = (
+    "coverage*: share of all objects, failures and wrong modes among them, whose 9-DoF box (rotation, centre, log-extents) lies in the "
+    "estimate's ellipsoid of that probability; nees_per_dof: mean squared Mahalanobis error over 9, of right modes (heading within 45 "
+    "degrees modulo symmetry); nees_chi2: the middle 95 % of that mean if covariances held; nll: mean negative log-likelihood of the box, "
+    "nats, of right modes; sharpness: geometric mean of the box's standard deviations, median; surface_*: of the signed distance at "
+    "points of the true surface under a Gaussian with the propagated variance and the decoder's own; *_interval: bootstrap over shapes"
+)
+"""What the numbers mean, for whoever reads the JSON alone."""
+
+
+class _Box(NamedTuple):
+    """Of one object; NaN where there is no estimate with a covariance."""
+
+    squared: float
+    right: bool
+    nll: float
+    sharpness: float
+
+
+def calibration(rows: Sequence[ObjectRow], methods: Sequence[str], seed: int = 0) -> list[dict[str, Any]]:
+    """One entry a method, number of views and category, and for all categories together."""
+    views = sorted({row.views for row in rows})
+    categories = [ALL, *dict.fromkeys(row.category for row in rows)]
+    entries = []
+    for name, count, category in product(methods, views, categories):
+        chosen = [
+            row
+            for row in rows
+            if (row.method, row.views) == (name, count) and category in (ALL, row.category)
+        ]
+        if any(row.box_covariance is not None for row in chosen):
+            entries.append(_entry(name, count, category, chosen, seed))
+    return entries
+
+
+def squared_errors(rows: Sequence[ObjectRow]) -> Float[np.ndarray, "n"]:
+    """Squared Mahalanobis errors of the boxes of right modes."""
+    return np.array([box.squared for box in map(_box, rows) if box.right])
+
+
+def _entry(name: str, views: int, category: str, rows: Sequence[ObjectRow], seed: int) -> dict[str, Any]:
+    draws = Resamples([row.shape for row in rows], seed)
+    boxes = [_box(row) for row in rows]
+    squared, right = np.array([box.squared for box in boxes]), np.array([box.right for box in boxes])
+    n_right = int(right.sum())
+    figures: dict[str, tuple[float | None, Interval]] = {}
+    for level in LEVELS:
+        held = (squared <= chi2.ppf(level, DOF)).astype(float)  # False for NaN
+        figures[f"coverage{100 * level:.0f}"] = draws.mean(held)
+    figures["nees_per_dof"] = draws.mean(squared / DOF, right)
+    figures["nll"] = draws.mean(np.array([box.nll for box in boxes]), right)
+    figures["sharpness"] = draws.median(np.array([box.sharpness for box in boxes]), right)
+    for figure, values in _surfaces(rows).items():
+        figures[figure] = draws.mean(values, ~np.isnan(values))
+    entry: dict[str, Any] = {
+        "method": name,
+        "views": views,
+        "category": category,
+        "n": len(rows),
+        "n_failed": sum(row.failure is not None for row in rows),
+        "n_right_mode": n_right,
+        "wrong_modes": 1 - n_right / len(rows),
+        "nees_chi2": [float(chi2.ppf(p, DOF * n_right) / (DOF * n_right)) for p in (0.025, 0.975)]
+        if n_right
+        else None,
+    }
+    for figure, (value, interval) in figures.items():
+        entry[figure] = value if value is not None and math.isfinite(value) else None
+        entry[f"{figure}_interval"] = None if interval is None else list(interval)
+    return entry
+
+
+def _box(row: ObjectRow) -> _Box:
+    if row.box_error is None or row.box_covariance is None or row.heading_error_deg is None:
+        return _Box(math.nan, False, math.nan, math.nan)
+    error, matrix = np.array(row.box_error), np.array(row.box_covariance)
+    sign, log_det = np.linalg.slogdet(matrix)
+    if sign <= 0:
+        return _Box(math.inf, False, math.nan, math.nan)
+    squared = float(error @ np.linalg.solve(matrix, error))
+    right = row.heading_error_deg <= RIGHT_MODE_DEG
+    nll = 0.5 * (squared + log_det + DOF * math.log(2 * math.pi))
+    return _Box(squared, right, nll, float(np.exp(log_det / (2 * DOF))))
+
+
+def _surfaces(rows: Sequence[ObjectRow]) -> dict[str, Float[np.ndarray, "n"]]:
+    """Figures of each object's surface; NaN where there are none, or the object is not well reconstructed."""
+    names = ["pearson_surface", "spearman_surface", "surface_nees", "surface_nll"]
+    names += [f"surface_coverage{100 * level:.0f}" for level in LEVELS]
+    found: dict[str, list[float]] = {name: [] for name in names}
+    for row in rows:
+        one = _surface(row) if row.well_reconstructed else {}
+        for name in names:
+            value = one.get(name)
+            found[name].append(math.nan if value is None else value)
+    return {name: np.array(values) for name, values in found.items()}
+
+
+def _surface(row: ObjectRow) -> dict[str, float | None]:
+    if row.surface_error is None or row.surface_sigma is None or row.surface_residual is None:
+        return {}
+    sigma = np.hypot(np.array(row.surface_sigma), row.surface_residual)
+    z = np.array(row.surface_error) / sigma
+    nll = 0.5 * z**2 + np.log(sigma) + 0.5 * math.log(2 * math.pi)
+    held = {
+        f"surface_coverage{100 * level:.0f}": float(np.mean(z <= norm.ppf(0.5 + level / 2)))
+        for level in LEVELS
+    }
+    return {
+        "pearson_surface": row.pearson,
+        "spearman_surface": row.spearman,
+        "surface_nees": float(np.mean(z**2)),
+        "surface_nll": float(np.mean(nll)),
+        **held,
+    }

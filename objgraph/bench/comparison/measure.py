@@ -1,0 +1,245 @@
+"""Every method on one object, from the same frames and the same start, measured against the ground truth."""
+
+import logging
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
+from functools import cache
+
+import numpy as np
+import trimesh
+
+from factors.state import ObjectState
+from objgraph.bench.comparison.cases import Case
+from objgraph.bench.comparison.config import ComparisonConfig, find_prior
+from objgraph.bench.comparison.methods import method
+from objgraph.bench.comparison.rows import ObjectRow, plain
+from objgraph.bench.comparison.uncertainty import surface_errors
+from objgraph.bench.metrics.box_error import box_error
+from objgraph.bench.metrics.metrics import Evaluation, evaluate_object
+from objgraph.covariance.box import box_pose
+from objgraph.errors import InitialisationError, ObjectGraphError, ObservationError, SolveError
+from objgraph.estimate.task import Estimate, EstimationTask
+from objgraph.graph.initialise import guesses, rank
+from objgraph.maps.pipeline import scene_floor
+from objgraph.observation.frames import Frame, GroundTruth, Scan
+from objgraph.observation.sampling import ObjectView, SamplingConfig, observe
+from objgraph.priors.mesh import extract_mesh
+from objgraph.priors.shape_prior import ShapePrior
+
+log = logging.getLogger(__name__)
+
+WELL_CHAMFER_M = 0.05
+WELL_RECONSTRUCTED = (
+    f"9-DoF pose, IoU and Chamfer distance correct, and Chamfer distance < {WELL_CHAMFER_M} m"
+)
+"""Which objects the correlation of error and uncertainty is averaged over."""
+
+
+@dataclass(frozen=True)
+class Job:
+    """What is to be done of one case."""
+
+    case: Case
+    dataset: str
+    todo: Mapping[int, Mapping[str, str]]
+    """By number of views: methods, and the digest of the settings of each one's row."""
+    config: ComparisonConfig = field(default_factory=ComparisonConfig)
+    version: str = ""
+    """Of the program."""
+
+    @property
+    def name(self) -> str:
+        return self.case.id
+
+    @property
+    def count(self) -> int:
+        """Rows that come of it."""
+        return sum(map(len, self.todo.values()))
+
+    def rows(self) -> Iterator[ObjectRow]:
+        """See `measure`."""
+        return measure(self, self.config, self.version)
+
+
+@dataclass(frozen=True)
+class _Seen:
+    """An object as some frames show it."""
+
+    scan: Scan
+    floor: float | None
+    frames: Mapping[int, Frame]
+    """By index into the scan."""
+    truth: GroundTruth
+    prior: ShapePrior
+
+
+def measure(job: Job, config: ComparisonConfig, version: str = "") -> Iterator[ObjectRow]:
+    """The rows of a job, as they are done; whatever goes wrong with an object is its row's failure."""
+    case = job.case
+    scan: Scan | None = None
+    floor: float | None = None
+    for views, methods in job.todo.items():
+        blank = ObjectRow("", job.dataset, case.id, case.category, case.shape, views, "", [], version=version)
+        rows = {name: replace(blank, method=name, settings=digest) for name, digest in methods.items()}
+        try:
+            if scan is None:
+                scan = case.scan()
+                floor = scene_floor(scan)
+            frames = {i: scan.frames[i] for i in case.views(views)}
+            truth = scan.ground_truth[case.instance.id]
+            seen = _Seen(scan, floor, frames, truth, find_prior(case.category, config.priors))
+            rows = {name: _with_truth(row, seen) for name, row in rows.items()}
+            yield from _from_one_start(case, seen, rows, config)
+        except Exception as error:  # no object may stop the others
+            log.debug("%s", case.id, exc_info=True)
+            yield from (replace(row, failure=_words(error)) for row in rows.values())
+
+
+def _from_one_start(
+    case: Case, seen: _Seen, rows: Mapping[str, ObjectRow], config: ComparisonConfig
+) -> Iterator[ObjectRow]:
+    """A row for every method; all start at the best state that the initialisation finds."""
+
+    @cache
+    def views_of(sampling: SamplingConfig) -> list[ObjectView]:
+        return _observe(case, seen.frames, sampling, config.seed)
+
+    views = views_of(config.sampling)
+    begun = time.perf_counter()
+    start = _start(seen, views, config)
+    seconds = time.perf_counter() - begun
+    for name, row in rows.items():
+        begun_row = replace(
+            row,
+            seconds_initialise=seconds,
+            start_T_world_object=plain(start.T_world_object.matrix()),
+            start_scale=plain(start.scale),
+        )
+        try:
+            sampled = views_of(method(name).sampling)
+            yield _estimated(begun_row, case, seen, start, sampled, config)
+        except Exception as error:  # nor may a method stop the others
+            log.debug("%s: %s", case.id, name, exc_info=True)
+            yield replace(begun_row, failure=_words(error))
+
+
+def _observe(
+    case: Case, frames: Mapping[int, Frame], sampling: SamplingConfig, seed: int
+) -> list[ObjectView]:
+    """The views that can be used, drawn as a mapping run draws them."""
+    views, reasons = [], []
+    for i, frame in frames.items():
+        try:
+            views.append(observe(frame, case.instance.id, sampling, seed=seed + i))
+        except ObservationError as error:
+            reasons.append(str(error))
+    if not views:
+        raise InitialisationError(f"no view can be used: {reasons[0] if reasons else 'there is none'}")
+    for reason in reasons:
+        log.info("%s: a view is left out: %s", case.id, reason)
+    return views
+
+
+def _start(seen: _Seen, views: Sequence[ObjectView], config: ComparisonConfig) -> ObjectState:
+    up, settings = seen.scan.up_world, config.initialisation
+    states = guesses(seen.prior, views, up, seen.floor, settings)
+    return rank(seen.prior, views, states, up, seen.floor, settings, config.graph)[0][0]
+
+
+def _estimated(
+    row: ObjectRow,
+    case: Case,
+    seen: _Seen,
+    start: ObjectState,
+    views: Sequence[ObjectView],
+    config: ComparisonConfig,
+) -> ObjectRow:
+    """The row of one method's estimate; only what is done after it sees the ground truth."""
+    task = EstimationTask(case.id, seen.prior, (start,), tuple(views), seen.scan.up_world, seen.floor)
+    estimator = method(row.method).estimator()
+    begun, begun_cpu = time.perf_counter(), time.process_time()
+    (estimate,) = estimator.estimate([task])
+    row = replace(row, seconds=time.perf_counter() - begun, seconds_cpu=time.process_time() - begun_cpu)
+    if isinstance(estimate, SolveError):
+        return replace(row, failure=str(estimate))
+    row = replace(row, **_description(estimate))
+    try:
+        mesh = extract_mesh(seen.prior.decoder, estimate.state.code, resolution=config.mesh_resolution)
+        evaluation = _evaluation(estimate.state, mesh, seen, config)
+        covered = {} if estimate.covariance is None else _uncertainty(estimate, mesh, seen, config)
+    except ObjectGraphError as error:
+        return replace(row, failure=str(error))
+    return replace(row, **_verdict(evaluation), **covered)
+
+
+def _evaluation(
+    state: ObjectState, mesh: trimesh.Trimesh, seen: _Seen, config: ComparisonConfig
+) -> Evaluation:
+    vertices, faces = np.asarray(mesh.vertices), np.asarray(mesh.faces)
+    T = state.T_world_object.matrix()
+    return evaluate_object(T, state.scale, vertices, faces, seen.truth, config.seed)
+
+
+def _uncertainty(
+    estimate: Estimate, mesh: trimesh.Trimesh, seen: _Seen, config: ComparisonConfig
+) -> dict[str, object]:
+    """What the covariance says of surface and box, beside how wrong they are."""
+    assert estimate.covariance is not None
+    points, seed = config.surface_points, config.seed
+    errors = surface_errors(seen.prior, estimate.state, estimate.covariance, seen.truth, points, seed)
+    kept = errors.some(config.kept_points, config.seed)
+    box = box_pose(
+        seen.prior, estimate.state, estimate.covariance, np.asarray(mesh.vertices),
+        turns=estimate.turns, view_cost=estimate.view_cost,
+    )  # fmt: skip
+    off = box_error(box, seen.truth)
+    return {
+        "pearson": errors.pearson,
+        "spearman": errors.spearman,
+        "surface_error": plain(kept.error.round(6)),
+        "surface_sigma": plain(kept.sigma.round(6)),
+        "surface_residual": float(seen.prior.residual_sigma * np.mean(errors.metres)),
+        "box_error": plain(off.tangent),
+        "box_covariance": plain(box.covariance.matrix),
+        "heading_error_deg": off.heading_deg,
+    }
+
+
+def _with_truth(row: ObjectRow, seen: _Seen) -> ObjectRow:
+    return replace(
+        row,
+        frames=list(seen.frames),
+        truth_T_world_object=plain(seen.truth.T_world_object),
+        truth_scale=plain(seen.truth.scale),
+        truth_symmetry=seen.truth.symmetry,
+    )
+
+
+def _description(estimate: Estimate) -> dict[str, object]:
+    state, covariance = estimate.state, estimate.covariance
+    return {
+        "T_world_object": plain(state.T_world_object.matrix()),
+        "scale": plain(state.scale),
+        "code": plain(state.code),
+        "covariance": None if covariance is None else plain(covariance.rigid),
+        "cost_initial": plain(float(estimate.cost_initial)),
+        "cost_final": plain(float(estimate.cost_final)),
+        "linearizations": int(estimate.linearizations),
+        "error_evaluations": int(estimate.error_evaluations),
+        "turns": None if estimate.turns is None else plain(estimate.turns.probability),
+    }
+
+
+def _verdict(evaluation: Evaluation) -> dict[str, object]:
+    correct = evaluation.pose_correct and evaluation.iou_correct and evaluation.chamfer_correct
+    return {
+        **{name: plain(value) for name, value in asdict(evaluation).items()},
+        "iou_correct": evaluation.iou_correct,
+        "chamfer_correct": evaluation.chamfer_correct,
+        "well_reconstructed": correct and evaluation.chamfer_m < WELL_CHAMFER_M,
+    }
+
+
+def _words(error: Exception) -> str:
+    return str(error) if isinstance(error, ObjectGraphError) else f"{type(error).__name__}: {error}"

@@ -1,0 +1,191 @@
+"""Pictures of a comparison: error against the number of views, and error against the uncertainty given with it."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, NullLocator
+from scipy.stats import chi2
+
+from objgraph.bench.comparison.calibration import DOF, squared_errors
+from objgraph.bench.comparison.rows import ObjectRow
+from objgraph.maps.colors import COLORS
+from objgraph.show.figure import finish
+
+Entry = Mapping[str, Any]
+
+_MARKERS = "os^Dv<>P"
+_ERRORS = (
+    ("median_chamfer_m", 100.0, "Chamfer distance (cm)"),
+    ("median_translation_m", 100.0, "translation error (cm)"),
+    ("median_rotation_deg", 1.0, "rotation error (deg)"),
+)
+_BINS = 10
+_FEWEST = 20
+"""Points in a bin below which it is not drawn."""
+
+
+def error_plot(entries: Sequence[Entry], methods: Sequence[str], data: str, path: Path) -> None:
+    """Median errors with their intervals against the number of views: a row an error, a column a category."""
+    categories = list(dict.fromkeys(e["category"] for e in entries))
+    views = sorted({e["views"] for e in entries})
+    figure = Figure(figsize=(1.2 + 4.2 * len(categories), 8.4), dpi=110, layout="constrained")
+    axes = figure.subplots(len(_ERRORS), len(categories), squeeze=False, sharex=True)
+    for column, category in enumerate(categories):
+        for row, (name, factor, label) in enumerate(_ERRORS):
+            axis = axes[row, column]
+            for i, method in enumerate(methods):
+                chosen = {
+                    e["views"]: e for e in entries if (e["method"], e["category"]) == (method, category)
+                }
+                shift = 0.06 * (i - (len(methods) - 1) / 2)
+                _line(axis, [chosen.get(v) for v in views], np.array(views) + shift, name, factor, i, method)
+            axis.set_ylim(bottom=0)
+            axis.grid(alpha=0.3)
+            if column == 0:
+                axis.set_ylabel(label)
+        axes[0, column].set_title(f"{category}, n = {_most(entries, category)}")
+        axes[-1, column].set_xlabel("views")
+        axes[-1, column].set_xticks(views)
+        axes[-1, column].set_xlim(min(views) - 0.4, max(views) + 0.4)
+    _legend(figure, axes[0, 0], len(categories))
+    figure.suptitle(f"Median error, 95 % bootstrap over shapes ({data})", fontsize=11)
+    finish(figure, None, None, path)
+
+
+def uncertainty_plot(rows: Sequence[ObjectRow], methods: Sequence[str], data: str, path: Path) -> bool:
+    """Mean |SDF error| in bins of its standard deviation, over well-reconstructed objects: a panel a category.
+
+    An honest Gaussian standard deviation lies on the line sqrt(2/pi) sigma. False, and no picture, where no method
+    gives standard deviations.
+    """
+    rows = [row for row in rows if row.well_reconstructed and row.surface_sigma]
+    categories = list(dict.fromkeys(row.category for row in rows))
+    if not categories:
+        return False
+    figure = Figure(figsize=(1.2 + 4.6 * len(categories), 4.9), dpi=110, layout="constrained")
+    axes = figure.subplots(1, len(categories), squeeze=False, sharex=True, sharey=True)[0]
+    for axis, category in zip(axes, categories, strict=True):
+        for i, method in enumerate(methods):
+            chosen = [row for row in rows if (row.method, row.category) == (method, category)]
+            if chosen:
+                sigma, error = binned(*_points(chosen))
+                label = f"{method}, n = {len(chosen)}"
+                axis.plot(100 * sigma, 100 * error, marker=_marker(i), color=_color(i), label=label)
+        axis.set_xscale("log")
+        axis.set_yscale("log")
+        for side in (axis.xaxis, axis.yaxis):
+            side.set_major_locator(LogLocator(10, subs=(1, 2, 5)))
+            side.set_major_formatter("{x:g}")
+            side.set_minor_locator(NullLocator())
+        axis.grid(alpha=0.3, which="both")
+        axis.set_title(category)
+        axis.set_xlabel("standard deviation of the SDF (cm)")
+    axes[0].set_ylabel("mean |SDF error| (cm)")
+    for axis in axes:
+        span = np.array(axis.get_xlim())
+        axis.plot(
+            span, np.sqrt(2 / np.pi) * span, "--", color="0.5", label="Gaussian errors of this size", zorder=0
+        )
+        axis.set_xlim(span)
+        axis.legend(fontsize=8, loc="upper left")
+    figure.suptitle(f"Error against uncertainty on the true surface ({data})", fontsize=11)
+    finish(figure, None, None, path)
+    return True
+
+
+def binned(
+    sigma: Float[np.ndarray, "n"], error: Float[np.ndarray, "n"], bins: int = _BINS
+) -> tuple[Float[np.ndarray, "b"], Float[np.ndarray, "b"]]:
+    """Mean sigma and mean error in bins of equally many points by rising sigma."""
+    order = np.argsort(sigma, kind="stable")
+    parts = np.array_split(order, max(1, min(bins, len(order) // _FEWEST)))
+    return np.array([sigma[part].mean() for part in parts]), np.array([error[part].mean() for part in parts])
+
+
+def _points(rows: Sequence[ObjectRow]) -> tuple[Float[np.ndarray, "n"], Float[np.ndarray, "n"]]:
+    sigma = np.concatenate([row.surface_sigma or [] for row in rows])
+    return sigma.astype(float), np.concatenate([row.surface_error or [] for row in rows]).astype(float)
+
+
+def _line(
+    axis: Axes,
+    entries: Sequence[Entry | None],
+    x: Float[np.ndarray, "v"],
+    name: str,
+    factor: float,
+    index: int,
+    label: str,
+) -> None:
+    """One method's medians; an end of an interval that is infinite is drawn to the median alone."""
+    middle = np.array([_value(e, name) for e in entries], float) * factor
+    ends = [(e or {}).get(f"{name}_interval") or (None, None) for e in entries]
+    spread = np.array([[np.nan if end is None else factor * end for end in pair] for pair in ends], float).T
+    reach = np.nan_to_num(np.abs(spread - middle))
+    axis.errorbar(
+        x, middle, yerr=reach, marker=_marker(index), color=_color(index), capsize=3, lw=1.5, label=label
+    )
+
+
+def _value(entry: Entry | None, name: str) -> float:
+    value = None if entry is None else entry[name]
+    return np.nan if value is None else value
+
+
+def _legend(figure: Figure, axis: Axes, columns: int) -> None:
+    handles, labels = axis.get_legend_handles_labels()
+    figure.legend(
+        handles, labels, loc="outside lower center", ncols=min(len(labels), 2 + columns), frameon=False
+    )
+
+
+def _most(entries: Sequence[Entry], category: str) -> int:
+    return max(e["n"] for e in entries if e["category"] == category)
+
+
+def _color(index: int) -> str:
+    return COLORS[index % len(COLORS)]
+
+
+def _marker(index: int) -> str:
+    return _MARKERS[index % len(_MARKERS)]
+
+
+def reliability_plot(rows: Sequence[ObjectRow], methods: Sequence[str], data: str, path: Path) -> bool:
+    """Share of true boxes within each ellipsoid against its probability, of right modes: a panel a number of views.
+
+    Returns whether there was anything to draw.
+    """
+    views = sorted({row.views for row in rows})
+    probabilities = np.linspace(0.01, 0.99, 99)
+    figure = Figure(figsize=(1.2 + 3.6 * len(views), 4.2), dpi=110, layout="constrained")
+    axes = figure.subplots(1, len(views), squeeze=False, sharey=True)[0]
+    drawn = False
+    for axis, count in zip(axes, views, strict=True):
+        axis.plot([0, 1], [0, 1], color="0.6", linestyle=":", linewidth=1)
+        for i, method in enumerate(methods):
+            chosen = [row for row in rows if (row.method, row.views) == (method, count)]
+            squared = squared_errors(chosen)
+            if not len(squared):
+                continue
+            held = (squared[:, None] <= chi2.ppf(probabilities, DOF)).mean(axis=0)
+            axis.plot(
+                probabilities, held, color=COLORS[i % len(COLORS)], label=f"{method}, n = {len(squared)}"
+            )
+            drawn = True
+        axis.set_title(f"{count} view{'s' * (count > 1)}")
+        axis.set_xlabel("probability of the ellipsoid")
+        axis.set_xlim(0, 1)
+        axis.set_ylim(0, 1)
+        axis.grid(alpha=0.3)
+        if axis.get_legend_handles_labels()[0]:
+            axis.legend(fontsize=8, loc="upper left")
+    axes[0].set_ylabel("share of true boxes inside")
+    figure.suptitle(f"Reliability of the 9-DoF box, right modes ({data})", fontsize=11)
+    if drawn:
+        finish(figure, None, None, path)
+    return drawn

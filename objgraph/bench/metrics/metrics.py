@@ -1,0 +1,86 @@
+"""The paper's metrics of one reconstructed object against its ground truth."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from objgraph.bench.metrics.placed import PlacedMesh
+from objgraph.bench.metrics.pose import PoseError, pose_error
+from objgraph.bench.metrics.shape import chamfer_m, volume_iou
+from objgraph.geometry.boxes import box_iou
+from objgraph.observation.frames import GroundTruth
+
+TRANSLATION_LIMIT_M = 0.2
+ROTATION_LIMIT_DEG = 20.0
+SCALE_LIMIT_PCT = 20.0
+IOU_LIMIT = 0.25
+CHAMFER_LIMIT_M = 0.2
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """How well one object was reconstructed."""
+
+    pose_correct: bool
+    """Translation, rotation and mean scale are all within their limits."""
+    translation_m: float
+    """Distance of the centres of the two oriented boxes."""
+    rotation_deg: float
+    """Rotation error modulo the ground truth's symmetry about its y axis."""
+    scale_pct: float
+    """Deviation from one of the mean ratio of metric extents, percent."""
+    scale_pct_max: float
+    """The same of the worst axis."""
+    box_iou: float
+    """Intersection over union of the oriented boxes; the boxes are not turned by the symmetry."""
+    volume_iou: float
+    """Intersection over union of the solids; see `objgraph.bench.metrics.shape.volume_iou`."""
+    chamfer_m: float
+    """Mean of the two directed mean distances, world frame, 10,000 points a side."""
+
+    @property
+    def iou_correct(self) -> bool:
+        """The paper's IoU > 0.25, of oriented boxes."""
+        return self.box_iou > IOU_LIMIT
+
+    @property
+    def chamfer_correct(self) -> bool:
+        """The paper's CD < 0.2 m."""
+        return self.chamfer_m < CHAMFER_LIMIT_M
+
+
+def evaluate_object(
+    T_world_object: Float[np.ndarray, "4 4"],
+    scale: Float[np.ndarray, "3"],
+    vertices: Float[np.ndarray, "v 3"],
+    faces: Int[np.ndarray, "f 3"],
+    truth: GroundTruth,
+    seed: int = 0,
+) -> Evaluation:
+    """Measure an estimate: rigid pose, metres per canonical unit along the object's axes, canonical mesh.
+
+    `seed` draws the points of the Chamfer distance. Raises `EvaluationError` where either side cannot be
+    measured (empty, flat or non-finite mesh, non-rigid pose, unknown symmetry class).
+    """
+    estimate = PlacedMesh("the estimate", np.asarray(T_world_object), np.asarray(scale), vertices, faces)
+    target = PlacedMesh.of_truth(truth)
+    pose = pose_error(estimate, target, truth.symmetry)
+    return Evaluation(
+        pose_correct=_pose_correct(pose),
+        translation_m=pose.translation_m,
+        rotation_deg=pose.rotation_deg,
+        scale_pct=pose.scale_pct,
+        scale_pct_max=pose.scale_pct_max,
+        box_iou=box_iou(estimate.box, target.box),
+        volume_iou=volume_iou(estimate, target),
+        chamfer_m=chamfer_m(estimate, target, seed),
+    )
+
+
+def _pose_correct(pose: PoseError) -> bool:
+    return (
+        pose.translation_m < TRANSLATION_LIMIT_M
+        and pose.rotation_deg < ROTATION_LIMIT_DEG
+        and pose.scale_pct < SCALE_LIMIT_PCT
+    )

@@ -1,0 +1,79 @@
+"""9-DoF pose errors: box centres, rotation modulo symmetry, metric extents."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from objgraph.bench.metrics.placed import PlacedMesh
+from objgraph.errors import EvaluationError
+
+CONTINUOUS = 0
+"""The symmetry class of objects that look the same turned by any angle about their y axis."""
+
+
+@dataclass(frozen=True)
+class PoseError:
+    """Errors of one estimated 9-DoF pose."""
+
+    translation_m: float
+    """Distance of the centres of the two oriented boxes."""
+    rotation_deg: float
+    """Angle between the two frames, the smallest over the rotations that the symmetry class allows."""
+    scale_pct: float
+    """Deviation from one of the mean, over the three axes, of the ratio of metric extents, in percent."""
+    scale_pct_max: float
+    """The same of the worst single axis."""
+
+
+def pose_error(estimate: PlacedMesh, truth: PlacedMesh, symmetry: int = 1) -> PoseError:
+    """Errors of `estimate` against `truth`: Scan2CAD's (Avetisyan et al., CVPR 2019), on metric extents.
+
+    `symmetry` counts the rotations about y that leave the true object the same (1, 2, 4, or 0 for all).
+    """
+    R = truth.T_world_object[:3, :3].T @ estimate.T_world_object[:3, :3]
+    rotation, yaw = rotation_error(R, symmetry)
+    ratio = align_extents(estimate.extents, yaw) / truth.extents
+    return PoseError(
+        translation_m=float(np.linalg.norm(estimate.centre_world - truth.centre_world)),
+        rotation_deg=float(np.rad2deg(rotation)),
+        scale_pct=float(100 * abs(ratio.mean() - 1)),
+        scale_pct_max=float(100 * np.abs(ratio - 1).max()),
+    )
+
+
+def rotation_error(R_truth_estimate: Float[np.ndarray, "3 3"], symmetry: int) -> tuple[float, float]:
+    """The angle left, in radians, and the symmetric rotation about y, in radians, that leaves the least.
+
+    For the continuous class the angle left is the one between the two y axes.
+    """
+    yaws = _symmetric_yaws(R_truth_estimate, symmetry)
+    angles = [_angle(rotation_y(-yaw) @ R_truth_estimate) for yaw in yaws]
+    best = int(np.argmin(angles))
+    return angles[best], yaws[best]
+
+
+def _symmetric_yaws(R: np.ndarray, symmetry: int) -> list[float]:
+    if symmetry == CONTINUOUS:
+        # maximises the trace of Ry(-yaw) R
+        return [float(np.arctan2(R[0, 2] - R[2, 0], R[0, 0] + R[2, 2]))]
+    if symmetry not in (1, 2, 4):
+        raise EvaluationError(f"symmetry class {symmetry} is none of 1, 2, 4 and 0 (every angle)")
+    return [2 * np.pi * k / symmetry for k in range(symmetry)]
+
+
+def align_extents(extents: Float[np.ndarray, "3"], yaw: float) -> Float[np.ndarray, "3"]:
+    """Extents along the axes of the object turned by `yaw`: x and z change places at a quarter turn."""
+    quarter_turn = abs(np.sin(yaw)) > abs(np.cos(yaw))
+    return extents[[2, 1, 0]] if quarter_turn else extents
+
+
+def rotation_y(angle: float) -> Float[np.ndarray, "3 3"]:
+    c, s = np.cos(angle), np.sin(angle)
+    return np.array([[c, 0, s], [0, 1, 0], [-s, 0, c]])
+
+
+def _angle(R: Float[np.ndarray, "3 3"]) -> float:
+    # atan2 keeps its accuracy near 0 and pi, where arccos of the trace loses half the digits
+    skew = np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])
+    return float(np.arctan2(np.linalg.norm(skew), np.trace(R) - 1))

@@ -1,0 +1,233 @@
+"""The synthetic benchmark: one object a case, in a room of its own, seen in three views by a noisy sensor."""
+
+import hashlib
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Literal, get_args
+
+import gtsam
+import numpy as np
+from numpy.random import Generator
+
+from objgraph.bench.worlds.families import FAMILIES, make_piece
+from objgraph.bench.worlds.meshes import choose_meshes, mesh_furniture
+from objgraph.bench.worlds.viewpoints import VIEWS, Pose, Scene, Spacing, can_hold, draw_scene, intrinsics
+from objgraph.errors import DatasetError
+from objgraph.observation.frames import Frame, FrameSource, GroundTruth, Instance, Scan
+from objgraph.synthetic.camera import CameraConfig, camera_matrix
+from objgraph.synthetic.furniture import Category, Furniture
+from objgraph.synthetic.render import Renderer
+from objgraph.synthetic.sensor import SensorConfig, sense_depth, sense_masks
+
+SIZES = {"small": 6, "standard": 24, "full": 100}
+"""Objects a category."""
+_NUMBERS: dict[Category, int] = {"chair": 0, "table": 1}  # in the seeds: never to be changed
+_TARGET = 1
+UP = np.array([0.0, 0.0, 1.0])
+UP.flags.writeable = False
+"""Of every case's world."""
+
+
+@dataclass(frozen=True)
+class BenchmarkConfig:
+    """Which cases; equal configurations give equal cases, and a smaller size the first of a larger one."""
+
+    seed: int = 0
+    """Of shapes, rooms, cameras and noise."""
+    size: Literal["small", "standard", "full"] = "small"
+    """6, 24 or 100 objects a category."""
+    objects: int | None = None
+    """Any other number of objects a category."""
+    categories: tuple[str, ...] = ("chair", "table")
+    """Categories of the objects."""
+    spacing: Spacing = "wide"
+    """Views 40 to 100 degrees apart about the object, or 5 to 15."""
+    meshes: Path | None = None
+    """A folder with a subfolder of CAD meshes for each category (y up, front at -z): shapes to use instead."""
+    sensor: SensorConfig = field(default_factory=SensorConfig)
+    """The faults of depth and masks."""
+
+    @property
+    def count(self) -> int:
+        """Objects a category."""
+        return SIZES[self.size] if self.objects is None else self.objects
+
+
+@dataclass(frozen=True)
+class Case:
+    """One object to be estimated."""
+
+    id: str
+    """Unique among all cases of all configurations that differ in more than their size."""
+    category: Category
+    shape: str
+    """Of which distinct shape it is: its family and own seed, or its mesh's name."""
+    instance: Instance
+    """What the scan's masks call it."""
+    seed: int
+    """The benchmark's."""
+    index: int
+    """Of the object within its category."""
+    spacing: Spacing
+    sensor: SensorConfig
+    mesh: Path | None = None
+    """The file of its shape; None for one of the families."""
+
+    def scan(self) -> Scan:
+        """Render it: the same frames every time. The ground truth is the target's alone.
+
+        Raises:
+            DatasetError: the object cannot be seen.
+            PriorError: its mesh file cannot be read any more.
+        """
+        world = self.world()
+        cameras = world.scene.cameras[self.spacing]
+        # each frame has its own noise, so that the first is the same for either spacing
+        frames = [
+            world.frame(gtsam.Pose3(_raised(pose, world.floor)), str(k), rng)
+            for k, (pose, rng) in enumerate(zip(cameras, world.noise.spawn(VIEWS), strict=True))
+        ]
+        return Scan(self.id, _Frames(frames), (self.instance,), UP, {self.instance.id: world.truth})
+
+    def world(self) -> "World":
+        """The room itself, to be seen from anywhere: always the same. Raises as `scan` does."""
+        shape, scene, color, noise = self._generator().spawn(4)
+        piece = self._piece(shape)
+        # where the floor lies is for the estimator to find
+        floor = float(shape.uniform(-1, 1))
+        drawn = draw_scene(piece, scene)
+        target, room = drawn.room.target, drawn.room
+        truth = GroundTruth(
+            _raised(target.T_world_object, floor), target.scale, piece.mesh.vertices.view(np.ndarray).copy(),
+            piece.mesh.faces.view(np.ndarray).copy(), piece.symmetry,
+        )  # fmt: skip
+        renderer = Renderer([room.target, *room.clutter], list(room.shell), color)
+        return World(drawn, floor, truth, self.sensor, renderer, noise)
+
+    def views(self, count: int) -> tuple[int, ...]:
+        """Indices of the first `count` views among the scan's frames. Raises `DatasetError` beyond 1 to 3."""
+        if not 1 <= count <= VIEWS:
+            raise DatasetError(f"{self.id}: {count} views asked for; a case has 1 to {VIEWS}")
+        return tuple(range(count))
+
+    def _generator(self) -> Generator:
+        return np.random.default_rng([self.seed, _NUMBERS[self.category], self.index])
+
+    def _piece(self, rng: Generator) -> Furniture:
+        if self.mesh is not None:
+            return mesh_furniture(self.category, self.mesh, rng)
+        return make_piece(self.category, _family(self.category, self.index), rng)
+
+
+@dataclass(frozen=True)
+class World:
+    """A case's room with its floor at some height: what a camera sees of it, and where one can be held."""
+
+    scene: Scene
+    """As it was drawn, with its floor at zero."""
+    floor: float
+    truth: GroundTruth
+    """Of the target; for evaluation alone."""
+    sensor: SensorConfig
+    renderer: Renderer
+    noise: Generator
+
+    def frame(self, T_world_camera: gtsam.Pose3, name: str, rng: Generator) -> Frame:
+        """What the sensor makes of a view; the noise is drawn from `rng`."""
+        camera, pose = CameraConfig(), T_world_camera.matrix()
+        drawn = _raised(pose, -self.floor)
+        view = self.renderer.render(camera_matrix(camera), drawn, camera.width, camera.height)
+        depth = sense_depth(view.depth, view.incidence, self.sensor, rng)
+        return Frame(
+            name, depth, intrinsics(), pose, sense_masks(view.instances, self.sensor, rng), view.color
+        )
+
+    def can_hold(self, T_world_camera: gtsam.Pose3) -> bool:
+        """Whether a person can hold a camera there: in the room and over no furniture."""
+        return can_hold(self.scene.room, T_world_camera.translation()[:2])
+
+    def first_camera(self) -> gtsam.Pose3:
+        """T_world_camera of the case's first view, which is the same in either spacing."""
+        return gtsam.Pose3(_raised(self.scene.cameras["wide"][0], self.floor))
+
+
+def synthetic_cases(config: BenchmarkConfig) -> list[Case]:
+    """All cases, category by category; nothing is rendered yet.
+
+    Raises:
+        DatasetError: no objects are asked for, a category is not one of the benchmark's, or its folder of meshes
+            is missing or holds no mesh that can be read.
+    """
+    if config.count < 1:
+        raise DatasetError(f"the benchmark needs at least one object a category, not {config.count}")
+    return [case for name in dict.fromkeys(config.categories) for case in _cases(config, _category(name))]
+
+
+def _cases(config: BenchmarkConfig, category: Category) -> list[Case]:
+    meshes = _meshes(config, category)
+    cases = []
+    for index in range(config.count):
+        shape, mesh = f"{_family(category, index)}-{config.seed}-{index}", None
+        if config.meshes is not None:
+            mesh = meshes[index]
+            shape = mesh.relative_to(config.meshes).as_posix()
+        case_id = f"{category}-s{config.seed}-{index:03d}{_ending(config, shape)}"
+        cases.append(
+            Case(
+                case_id, category, shape, Instance(_TARGET, category), config.seed, index, config.spacing,
+                config.sensor, mesh,
+            )
+        )  # fmt: skip
+    return cases
+
+
+class _Frames(FrameSource):
+    def __init__(self, frames: list[Frame]) -> None:
+        self._frames = frames
+
+    def __len__(self) -> int:
+        return len(self._frames)
+
+    def __getitem__(self, index: int) -> Frame:
+        return self._frames[index]
+
+
+def _raised(T_room_any: Pose, floor: float) -> Pose:
+    """The pose in the world, whose origin does not lie on the room's floor."""
+    T_world_any = T_room_any.copy()
+    T_world_any[2, 3] += floor
+    return T_world_any
+
+
+def _category(name: str) -> Category:
+    for category in get_args(Category):
+        if name == category:
+            return category
+    raise DatasetError(f"category {name!r} is not in the synthetic benchmark: it has {', '.join(_NUMBERS)}")
+
+
+def _family(category: Category, index: int) -> str:
+    families = FAMILIES[category]
+    return families[index % len(families)]
+
+
+def _meshes(config: BenchmarkConfig, category: Category) -> list[Path]:
+    if config.meshes is None:
+        return []
+    # a generator of its own: that of no object
+    order = np.random.SeedSequence(config.seed, spawn_key=(_NUMBERS[category],))
+    return choose_meshes(config.meshes, category, config.count, np.random.default_rng(order))
+
+
+def _ending(config: BenchmarkConfig, shape: str) -> str:
+    """What of the configuration an id must say beside the seed: all but the size, where it is not the default."""
+    parts = [config.spacing] if config.spacing != "wide" else []
+    if config.meshes is not None:
+        parts.append(f"{config.meshes.name}.{_digest((str(config.meshes.resolve()), shape))}")
+    if config.sensor != SensorConfig():
+        parts.append(f"sensor.{_digest(asdict(config.sensor))}")
+    return "".join(f"-{part}" for part in parts)
+
+
+def _digest(value: object) -> str:
+    return hashlib.sha256(repr(value).encode()).hexdigest()[:6]

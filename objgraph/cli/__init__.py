@@ -1,0 +1,3 @@
+"""The command `objgraph`: one file a verb."""
+
+from objgraph.cli.main import main as main

@@ -1,0 +1,274 @@
+"""What the command line does with methods: `objgraph evaluate`."""
+
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import tyro
+from rich.console import Console
+
+from objgraph.bench.comparison.boxes.compare import ROWS as BOX_ROWS
+from objgraph.bench.comparison.boxes.compare import LidarComparison
+from objgraph.bench.comparison.boxes.evaluate import KITTI, run_box_comparison
+from objgraph.bench.comparison.calibration import MEASURED, calibration
+from objgraph.bench.comparison.cases import CaseSource
+from objgraph.bench.comparison.compare import ROWS, Comparison, compare
+from objgraph.bench.comparison.config import ComparisonConfig
+from objgraph.bench.comparison.document import document, markdown
+from objgraph.bench.comparison.fused_rows import with_fused
+from objgraph.bench.comparison.methods import METHODS
+from objgraph.bench.comparison.plots import error_plot, reliability_plot, uncertainty_plot
+from objgraph.bench.comparison.rows import ObjectRow, write_text
+from objgraph.bench.comparison.scan_cases import ScanSource, read_split
+from objgraph.bench.comparison.summary import paired, summarize
+from objgraph.bench.comparison.synthetic_source import SYNTHETIC, SyntheticSource
+from objgraph.bench.comparison.tables import all_tables, calibration_tables
+from objgraph.bench.worlds.cases import BenchmarkConfig
+from objgraph.bench.worlds.viewpoints import VIEWS
+from objgraph.cli.progress import telling
+from objgraph.datasets.registry import datasets
+from objgraph.errors import EvaluationError
+from objgraph.training.mesh_folder import write_json
+from objgraph.version import program_version
+
+List = Annotated[tuple[str, ...], tyro.conf.arg(metavar="A,B,..")]
+
+
+@dataclass(frozen=True)
+class EvaluateCommand:
+    """Compare methods on objects with ground truth. Lists are separated by commas or spaces."""
+
+    json: Path
+    """File for the figures."""
+    dataset: str = SYNTHETIC
+    """`synthetic`, or a data set with ground truth: `scannet`, `kitti`."""
+    methods: List = ("graph", "ours")
+    """Methods, by name."""
+    out: Path | None = None
+    """Folder for rows, tables and plots; a run that was stopped goes on there. By default beside the figures, named as
+    their file is."""
+    views: List = ("1", "2", "3")
+    """Numbers of views of each object."""
+    categories: List = ("chair", "table")
+    """Categories of objects."""
+    seed: int = 0
+    """Of the synthetic objects, and of everything that is sampled."""
+    size: Literal["small", "standard", "full"] = "small"
+    """Synthetic objects a category: 6, 24 or 100."""
+    objects: int | None = None
+    """Any other number of them."""
+    spacing: Literal["wide", "close"] = "wide"
+    """How far apart the views of a synthetic object are."""
+    meshes: Path | None = None
+    """Folder of your own meshes, in subfolders by category, in place of the synthetic shapes."""
+    root: Path | None = None
+    """The folder of a data set of scans."""
+    scenes: List = ()
+    """Its scans by name (of kitti its frames); by default all."""
+    split: Path | None = None
+    """A file that names them, one a line."""
+    scan2cad: Path | None = None
+    """Folder of the Scan2CAD annotations; by default beside `root`."""
+    shapenet: Path | None = None
+    """Folder of the ShapeNet meshes; by default beside `root`."""
+    priors: tuple[str, ...] = ()
+    """Your own priors, .safetensors files: each serves its category in place of the shipped one."""
+    jobs: int = 1
+    """Processes, of one thread each."""
+    calibration: bool = False
+    """Report how far covariances hold in place of how far estimates are right."""
+    retry_failed: bool = False
+    """Run what failed before once more."""
+    least_points: int = 50
+    """Of kitti, cars with that many returns count."""
+
+    @property
+    def folder(self) -> Path:
+        """Of rows, tables and plots."""
+        return self.out or self.json.with_name(self.json.stem + "_rows")
+
+
+def run_evaluate(command: EvaluateCommand, console: Console, line: str) -> dict[str, Any]:
+    """Compare, then write and show what came out; `line` is the command as it was typed.
+
+    Raises:
+        EvaluationError: an unknown method, data set or number; a folder that holds rows of other settings; or it was
+            stopped, and can go on.
+        DatasetError: the data cannot be read, or nothing is left of them.
+    """
+    if command.dataset == KITTI:
+        return _boxes(command, console, line)
+    comparison = _comparison(command)
+    _check_writable(command.json)
+    rows = _compare(comparison, command, console)
+    if command.calibration:
+        return _calibrated(comparison, rows, command, console, line)
+    entries = summarize(rows, comparison.methods, command.seed)
+    pairs = paired(rows, comparison.methods, command.seed)
+    result = document(comparison, rows, entries, pairs, line)
+    write_json(result, command.json)
+    tables = all_tables(entries, pairs, comparison.methods, _data(comparison))
+    write_text(markdown(tables, line, command.seed), command.folder / "tables.md")
+    _plots(comparison, rows, entries, command.folder)
+    for table in tables:
+        console.print(table.rich())
+    console.print(f"figures in {command.json}, tables, rows and plots in {command.folder}", soft_wrap=True)
+    return result
+
+
+def _calibrated(
+    comparison: Comparison, rows: list[ObjectRow], command: EvaluateCommand, console: Console, line: str
+) -> dict[str, Any]:
+    """What the covariances of the same rows are worth."""
+    rows, methods = with_fused(rows, comparison.methods)
+    entries = calibration(rows, methods, command.seed)
+    if not entries:
+        raise EvaluationError(
+            f"none of {', '.join(comparison.methods)} gives a covariance in {command.folder / ROWS} that could be judged: "
+            "add graph or ours, or give a fresh --out"
+        )
+    result = document(comparison, rows, entries, [], line) | {"measured": MEASURED}
+    write_json(result, command.json)
+    tables = calibration_tables(entries, _data(comparison))
+    write_text(markdown(tables, line, command.seed), command.folder / "calibration.md")
+    reliability_plot(rows, methods, _data(comparison), command.folder / "reliability.png")
+    for table in tables:
+        console.print(table.rich())
+    console.print(f"figures in {command.json}, tables, rows and plot in {command.folder}", soft_wrap=True)
+    return result
+
+
+def _boxes(command: EvaluateCommand, console: Console, line: str) -> dict[str, Any]:
+    """Table III: boxes of single scans."""
+    if command.root is None:
+        raise EvaluationError(f"data set '{KITTI}': --root must name its folder")
+    if command.calibration:
+        raise EvaluationError(f"data set '{KITTI}': --calibration is for data sets with true shapes")
+    _check_writable(command.json)
+    comparison = LidarComparison(
+        command.root, _methods(command), command.folder, _scans(command), command.seed, command.priors
+    )
+    with telling(console, transient=True) as tell:
+        try:
+            result = run_box_comparison(
+                comparison,
+                command.least_points,
+                command.jobs,
+                command.retry_failed,
+                command.json,
+                console,
+                line,
+                tell,
+            )
+        except KeyboardInterrupt as error:
+            raise _stopped(command.folder / BOX_ROWS) from error
+    return result
+
+
+def _methods(command: EvaluateCommand) -> tuple[str, ...]:
+    methods = _items(command.methods, "--methods")
+    unknown = [name for name in methods if name not in METHODS]
+    if unknown or not methods:
+        wrong = f"no method '{unknown[0]}'" if unknown else "--methods names none"
+        raise EvaluationError(f"{wrong}; available: {', '.join(METHODS)}")
+    if command.jobs < 1:
+        raise EvaluationError("--jobs must be at least 1")
+    return methods
+
+
+def _comparison(command: EvaluateCommand) -> Comparison:
+    methods = _methods(command)
+    config = ComparisonConfig(seed=command.seed, priors=tuple(command.priors))
+    return Comparison(_source(command), methods, _views(command), command.folder, config)
+
+
+def _scans(command: EvaluateCommand) -> tuple[str, ...]:
+    named = _items(command.scenes, "--scenes")
+    if named and command.split is not None:
+        raise EvaluationError("--scenes and --split exclude each other: give one of them")
+    return named if command.split is None else read_split(command.split)
+
+
+def _source(command: EvaluateCommand) -> CaseSource:
+    categories = _items(command.categories, "--categories")
+    if not categories:
+        raise EvaluationError("--categories names none; give chair, table or both")
+    if command.dataset == SYNTHETIC:
+        return _synthetic(command, categories)
+    if command.dataset not in datasets():
+        known = ", ".join([SYNTHETIC, KITTI, *datasets()])
+        raise EvaluationError(f"no data set '{command.dataset}'; available: {known}")
+    if command.root is None:
+        raise EvaluationError(f"data set '{command.dataset}': --root must name its folder")
+    options = {"scan2cad": command.scan2cad, "shapenet": command.shapenet}
+    given = tuple((name, value) for name, value in options.items() if value is not None)
+    return ScanSource(command.dataset, command.root, categories, _scans(command), given)
+
+
+def _synthetic(command: EvaluateCommand, categories: tuple[str, ...]) -> SyntheticSource:
+    if max(_views(command)) > VIEWS:
+        raise EvaluationError(
+            f"a synthetic object has {VIEWS} views; --views asks for {max(_views(command))}"
+        )
+    return SyntheticSource(
+        BenchmarkConfig(
+            seed=command.seed,
+            size=command.size,
+            objects=command.objects,
+            categories=categories,
+            spacing=command.spacing,
+            meshes=command.meshes,
+        )
+    )
+
+
+def _views(command: EvaluateCommand) -> tuple[int, ...]:
+    words = _items(command.views, "--views")
+    wrong = [word for word in words if not word.isdecimal() or int(word) < 1]
+    if wrong or not words:
+        raise EvaluationError(f"--views takes numbers from 1 on, as in 1,2,3; not '{','.join(wrong)}'")
+    return tuple(sorted({int(word) for word in words}))
+
+
+def _items(words: tuple[str, ...], option: str) -> tuple[str, ...]:
+    items = [item.strip() for word in words for item in word.split(",")]
+    twice = [item for item in items if item and items.count(item) > 1]
+    if twice:
+        raise EvaluationError(f"{option} names {twice[0]} twice")
+    return tuple(item for item in items if item)
+
+
+def _check_writable(path: Path) -> None:
+    folder = path.absolute().parent
+    while not folder.exists():
+        folder = folder.parent
+    if path.is_dir() or not folder.is_dir() or not os.access(folder, os.W_OK):
+        raise EvaluationError(f"{path} cannot be written: give a file in a folder that can be")
+
+
+def _compare(comparison: Comparison, command: EvaluateCommand, console: Console) -> list[ObjectRow]:
+    with telling(console, transient=True) as tell:
+        try:
+            return compare(comparison, command.jobs, command.retry_failed, program_version(), tell)
+        except KeyboardInterrupt as error:
+            raise _stopped(command.folder / ROWS) from error
+
+
+def _stopped(rows: Path) -> EvaluationError:
+    return EvaluationError(f"stopped; what is done is in {rows}, and the same command goes on from there")
+
+
+def _data(comparison: Comparison) -> str:
+    dataset = comparison.source.dataset
+    return f"{dataset}, seed {comparison.config.seed}" if dataset == SYNTHETIC else dataset
+
+
+def _plots(comparison: Comparison, rows: list[ObjectRow], entries: list[dict[str, Any]], out: Path) -> None:
+    """Error against views; error against uncertainty at the most views."""
+    most = max(comparison.views)
+    data = _data(comparison)
+    error_plot(entries, comparison.methods, data, out / "error_against_views.png")
+    chosen = [row for row in rows if row.views == most]
+    words = f"{data}, {most} views" if most > 1 else f"{data}, 1 view"
+    uncertainty_plot(chosen, comparison.methods, words, out / "error_against_uncertainty.png")

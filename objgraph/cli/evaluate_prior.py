@@ -1,0 +1,92 @@
+"""What the command line does with shape priors: `objgraph evaluate-prior`."""
+
+import os
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated, Any
+
+import tyro
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+
+from objgraph.errors import EvaluationError
+from objgraph.priors.registry import load_prior
+from objgraph.training.evaluate import PriorEvaluationConfig, ShapeRow, evaluate_meshes
+from objgraph.training.mesh_folder import Choice, choose_meshes, write_json
+from objgraph.training.random_codes import check_random_codes
+from objgraph.training.report import document, table
+
+
+@dataclass(frozen=True)
+class EvaluatePriorCommand:
+    """Measure a shape prior on a folder of meshes.
+
+    Meshes have y up and the front at -z; they are centred on their bounding box and scaled to a diagonal of 1.
+    """
+
+    category: str
+    """Category of the meshes."""
+    meshes: Path
+    """Folder of ply, obj, stl, off or glb files, at any depth; or one with an index.json."""
+    json: Path
+    """File for the numbers."""
+    prior: Path | None = None
+    """The prior's .safetensors file; by default the category's shipped one."""
+    heldout: bool = False
+    """Only meshes of index.json that the prior's card names as held out: the default where there are any."""
+    all: bool = False
+    """Every mesh, trained on or not."""
+    jobs: int = 1
+    """Processes."""
+    random_codes: int = 0
+    """Also mesh this many random codes within two standard deviations, and count those without a surface."""
+    config: Annotated[PriorEvaluationConfig, tyro.conf.arg(name="")] = field(
+        default_factory=PriorEvaluationConfig
+    )
+    """How it is measured."""
+
+
+def run_evaluate_prior(command: EvaluatePriorCommand, console: Console) -> dict[str, Any]:
+    """Evaluate, write the JSON document, and show a table.
+
+    Raises:
+        EvaluationError: there is nothing to evaluate, or the file cannot be written; no file is left then.
+        PriorError: the prior or the folder's index cannot be used.
+    """
+    _check(command)
+    prior = load_prior(command.prior or command.category)
+    choice: Choice = "heldout" if command.heldout else "all" if command.all else "default"
+    meshes = choose_meshes(command.meshes, command.category, prior, choice)
+    console.print(f"{len(meshes.names)} meshes: {meshes.chosen}")
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+    with Progress(*columns, console=console, transient=True) as bar:
+        task = bar.add_task("fitting", total=len(meshes.names))
+
+        def report(done: int, total: int, row: ShapeRow) -> None:
+            bar.update(task, completed=done, total=total, description=f"fitted {row.mesh}")
+
+        rows = evaluate_meshes(prior, meshes, command.config, command.jobs, report)
+        random_codes = None
+        if command.random_codes:
+            bar.update(task, description="random codes")
+            random_codes = check_random_codes(prior, command.random_codes, seed=command.config.seed)
+    prior_file = str(command.prior or f"{prior.category}.safetensors as shipped")
+    result = document(prior, prior_file, meshes, rows, command.config, random_codes)
+    write_json(result, command.json)
+    console.print(table(rows, f"{prior.category}: {prior_file}"))
+    if random_codes is not None:
+        console.print(f"random codes without a surface: {random_codes.failed} of {random_codes.count}")
+    console.print(f"written to {command.json}")
+    return result
+
+
+def _check(command: EvaluatePriorCommand) -> None:
+    if command.heldout and command.all:
+        raise EvaluationError("--heldout and --all exclude each other: give one of them")
+    if command.jobs < 1 or command.random_codes < 0:
+        raise EvaluationError("--jobs must be at least 1 and --random-codes at least 0")
+    folder = command.json.absolute().parent
+    while not folder.exists():
+        folder = folder.parent
+    if command.json.is_dir() or not folder.is_dir() or not os.access(folder, os.W_OK):
+        raise EvaluationError(f"{command.json} cannot be written: give a file in a folder that can be")

@@ -1,0 +1,164 @@
+"""What the command line does for active vision: `objgraph next-view`."""
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+import gtsam
+import numpy as np
+import tyro
+from rich.console import Console
+from rich.table import Table
+
+from objgraph.active.cameras import sphere
+from objgraph.active.from_map import known_objects
+from objgraph.active.next_view import Criterion, ViewConfig, ViewGain, next_views
+from objgraph.active.target import KnownObject
+from objgraph.datasets.trajectory import read_tum
+from objgraph.maps.object_map import ObjectMap
+from objgraph.observation.frames import Intrinsics
+from objgraph.priors.store import load_prior_file
+from objgraph.show.next_view import LABELS, UNITS, sphere_picture
+
+
+@dataclass(frozen=True)
+class NextViewCommand:
+    """Which view of a map's objects would tell most, from their covariances alone."""
+
+    map: Annotated[Path, tyro.conf.Positional]
+    """A map's folder, or its map.json."""
+    objects: tuple[int, ...] = ()
+    """Ids of the objects to ask about; by default all that are mapped."""
+    candidates: int = 200
+    """Cameras on a sphere about each object."""
+    distance: float = 1.8
+    """Its radius, metres."""
+    elevations: tuple[float, float] = (5.0, 60.0)
+    """Lowest and highest angle above the object's middle, degrees."""
+    cameras: Path | None = None
+    """Candidates of your own in place of the spheres: a trajectory file in the TUM format."""
+    criterion: Criterion = "corners"
+    """What to gain: surer corners of the box, information on the 9-DoF pose or on everything, or a surer surface."""
+    focal: float = 525.0
+    """Of the camera, pixels."""
+    size: tuple[int, int] = (640, 480)
+    """Of its picture, pixels."""
+    priors: tuple[Path, ...] = ()
+    """Your own priors, where the map was made with them."""
+    top: int = 5
+    """Views to list."""
+    out: Path | None = None
+    """Folder for next_views.json and a picture for each object; by default nothing is written."""
+
+
+def run_next_view(command: NextViewCommand, console: Console) -> list[ViewGain]:
+    """Load, rank, show, and write what was asked for.
+
+    Raises:
+        ActiveVisionError, MapError, PriorError, DatasetError: the map, a prior or the candidates cannot be used.
+    """
+    folder = command.map.parent if command.map.suffix == ".json" else command.map
+    object_map = ObjectMap.load(folder)
+    known = known_objects(object_map, command.objects, [load_prior_file(path) for path in command.priors])
+    asked = {entry.name for entry in known}
+    others = [
+        (entry.vertices, entry.faces)
+        for entry in object_map.mapped
+        if f"{entry.category} {entry.id}" not in asked
+        and entry.vertices is not None
+        and entry.faces is not None
+    ]
+    width, height = command.size
+    camera = Intrinsics(command.focal, command.focal, (width - 1) / 2, (height - 1) / 2, width, height)
+    with console.status(f"looking at {len(known)} objects"):
+        views = next_views(
+            known, _candidates(command, known, object_map), ViewConfig(camera),
+            criterion=command.criterion, others=others,
+        )  # fmt: skip
+    console.print(_table(views[: command.top], command.criterion))
+    if command.out is not None:
+        _write(command, command.out, views, known, object_map)
+        console.print(f"written to {command.out}")
+    return views
+
+
+def _candidates(
+    command: NextViewCommand, known: list[KnownObject], object_map: ObjectMap
+) -> list[gtsam.Pose3]:
+    if command.cameras is not None:
+        return [gtsam.Pose3(T) for T in read_tum(command.cameras).T_world_camera]
+    return [
+        camera
+        for entry in known
+        for camera in sphere(
+            entry.centre, command.distance, object_map.up_world, command.candidates, command.elevations
+        )
+    ]
+
+
+def _table(views: list[ViewGain], criterion: Criterion) -> Table:
+    table = Table(title=f"Next views, by {LABELS[criterion]}")
+    for label in ("", "camera at, m", "looks along", "gain", "of which"):
+        table.add_column(label, justify="right", no_wrap=label != "of which")
+    for i, view in enumerate(views):
+        T = view.T_world_camera.matrix()
+        parts = sorted(view.objects.items(), key=lambda item: -getattr(item[1], criterion))
+        of = ", ".join(
+            f"{name} {UNITS[criterion] * getattr(gain, criterion):.3g}"
+            for name, gain in parts[:3]
+            if gain.seen > 0
+        )
+        table.add_row(
+            str(i + 1),
+            _vector(T[:3, 3]),
+            _vector(T[:3, 2]),
+            f"{UNITS[criterion] * view.total(criterion):.3g}",
+            of,
+        )
+    return table
+
+
+def _vector(v: np.ndarray) -> str:
+    return ", ".join(f"{x:.2f}" for x in v)
+
+
+def _write(
+    command: NextViewCommand,
+    out: Path,
+    views: list[ViewGain],
+    known: list[KnownObject],
+    object_map: ObjectMap,
+) -> None:
+    criterion = command.criterion
+    out.mkdir(parents=True, exist_ok=True)
+    document: dict[str, Any] = {
+        "scene": object_map.scene,
+        "criterion": criterion,
+        "views": [
+            {
+                "T_world_camera": view.T_world_camera.matrix().tolist(),
+                "gain": view.total(criterion),
+                "objects": {name: vars(gain) for name, gain in view.objects.items()},
+            }
+            for view in views
+        ],
+    }
+    (out / "next_views.json").write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
+    for entry in known:
+        own = sorted(
+            _about(entry, views, command), key=lambda view: -getattr(view.objects[entry.name], criterion)
+        )
+        alone = [ViewGain(view.T_world_camera, {entry.name: view.objects[entry.name]}) for view in own]
+        path = out / f"next_view_{entry.name.replace(' ', '_').replace('/', '_')}.png"
+        sphere_picture(entry, entry.surface_sigma, alone, object_map.up_world, path, criterion=criterion)
+
+
+def _about(entry: KnownObject, views: list[ViewGain], command: NextViewCommand) -> list[ViewGain]:
+    """The candidates on the object's own sphere; all where the caller gave them."""
+    if command.cameras is not None:
+        return views
+    away = [np.linalg.norm(view.T_world_camera.translation() - entry.centre) for view in views]
+    return [
+        view for view, distance in zip(views, away, strict=True) if abs(distance - command.distance) < 1e-6
+    ]

@@ -1,0 +1,101 @@
+"""DSP-SLAM's Gauss-Newton on squared distances and depth errors, with three scales instead of one.
+
+Wang, Runz, Agapito, "DSP-SLAM: Object Oriented SLAM with Deep Shape Priors", 3DV 2021, section 4.3; weights and
+iterations as given there.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+import torch
+from jaxtyping import Float
+
+from factors.gaussian_depth import Deterministic
+from factors.rendering import RaySamples
+from factors.state import RIGID_DOF, ObjectState
+from objgraph.errors import SolveError
+from objgraph.estimate.pool import Pool
+from objgraph.estimate.task import Estimate, EstimationTask, unusable
+from objgraph.estimate.terms import DrawnRays, RaySteps, draw_rays, linearize
+
+
+@dataclass(frozen=True)
+class GaussNewtonConfig:
+    """Weights of the squared terms."""
+
+    iterations: int = 20
+    points: int = 1000
+    rays: int = 1000
+    steps: RaySteps = field(default_factory=RaySteps)
+    surface_weight: float = 100.0
+    """Of the mean squared distance."""
+    render_weight: float = 2.5
+    """Of the mean squared depth error."""
+    code_weight: float = 0.25
+    """Of the code's squared norm, about the prior's mean."""
+    seed: int = 0
+    """Of the points and rays drawn."""
+
+
+@dataclass(frozen=True)
+class GaussNewtonEstimator:
+    """Full steps, no damping, a fixed number of them; gives no covariance."""
+
+    config: GaussNewtonConfig = field(default_factory=GaussNewtonConfig)
+
+    def estimate(
+        self, tasks: Sequence[EstimationTask], progress: Callable[[int, int], None] | None = None
+    ) -> list[Estimate | SolveError]:
+        """See `Estimator`; the first start of every task is used."""
+        results = []
+        for i, task in enumerate(tasks):
+            results.append(unusable(task) or self._one(task))
+            if progress is not None:
+                progress(i + 1, len(tasks))
+        return results
+
+    def _one(self, task: EstimationTask) -> Estimate | SolveError:
+        config = self.config
+        pool = Pool.of(task.views, task.prior.half_box(config.steps.tight_box))
+        drawn = pool.draw(np.random.default_rng(config.seed), config.points, config.rays)
+        state, costs = task.starts[0], []
+        for i in range(config.iterations + 1):
+            (rays,) = draw_rays(task.prior.decoder, [state], [drawn], config.steps)
+            cost, H, gradient = self._normal_equations(task, state, drawn, rays)
+            costs.append(cost)
+            if i == config.iterations:
+                break
+            try:
+                step = np.linalg.solve(H, -gradient)
+            except np.linalg.LinAlgError:
+                step = np.full(len(H), np.nan)
+            if not np.isfinite(step).all():
+                return SolveError(f"{task.name}: the normal equations have no solution")
+            state = state.retract(step)
+        return Estimate(state, None, costs[0], costs[-1], config.iterations + 1, 0)
+
+    def _normal_equations(
+        self, task: EstimationTask, state: ObjectState, drawn: Pool, rays: DrawnRays
+    ) -> tuple[float, Float[np.ndarray, "d d"], Float[np.ndarray, "d"]]:
+        """Half the weighted sum of squares, its Gauss-Newton matrix and its gradient."""
+        config, n = self.config, len(drawn.p_world)
+        (found,) = linearize(task.prior.decoder, [state], [np.concatenate([drawn.p_world, rays.p_near])])
+        sdf = rays.sdf.masked_scatter(rays.near, found.sdf[n:])
+        renderer = Deterministic()
+        error, counts, d_sdf = renderer.depth_error(
+            RaySamples(sdf, torch.zeros_like(sdf), rays.cells, rays.targets, config.steps.slope)
+        )
+        jacobian = sdf.new_zeros(*sdf.shape, found.jacobian.shape[1])
+        jacobian[rays.near] = found.jacobian[n:]
+        J_depth = (counts[:, None] * (d_sdf[:, None, :] @ jacobian)[:, 0]).cpu().double().numpy()
+        e_depth = (counts * error).cpu().double().numpy()
+        J, e = found.jacobian[:n].cpu().double().numpy(), found.sdf[:n].cpu().double().numpy()
+        w, w_depth = config.surface_weight / n, config.render_weight / rays.count
+        H = w * J.T @ J + w_depth * J_depth.T @ J_depth
+        gradient = w * J.T @ e + w_depth * J_depth.T @ e_depth
+        offset = state.code - task.prior.code_mean
+        H[RIGID_DOF:, RIGID_DOF:] += config.code_weight * np.eye(len(offset))
+        gradient[RIGID_DOF:] += config.code_weight * offset
+        squares = w * e @ e + w_depth * e_depth @ e_depth + config.code_weight * offset @ offset
+        return 0.5 * float(squares), H, gradient

@@ -1,0 +1,120 @@
+"""The factor graph as an estimator: Levenberg-Marquardt on the object's own graph, marginals from it."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from factors.state import ObjectState
+from objgraph.covariance.heading_modes import Turns
+from objgraph.errors import ObjectGraphError, SolveError
+from objgraph.estimate.heading_modes import QuarterTurnsConfig, quarter_turns
+from objgraph.estimate.task import Estimate, EstimationTask, unusable
+from objgraph.graph.builder import GraphConfig
+from objgraph.graph.single_object import SingleObject, single_object
+from objgraph.graph.solve import SolverConfig, solve
+
+
+@dataclass(frozen=True)
+class GraphEstimator:
+    """Every start is solved at the coarsest slope; the cheapest is solved to the end; so is a cheaper turn of it."""
+
+    graph: GraphConfig = field(default_factory=GraphConfig)
+    solver: SolverConfig = field(default_factory=SolverConfig)
+    turns: QuarterTurnsConfig | None = field(default_factory=QuarterTurnsConfig)
+    """None takes the heading that was found as the only one."""
+
+    def estimate(
+        self, tasks: Sequence[EstimationTask], progress: Callable[[int, int], None] | None = None
+    ) -> list[Estimate | SolveError]:
+        """See `Estimator`; all objects decode together."""
+        refused = [unusable(task) for task in tasks]
+        usable = [task for task, reason in zip(tasks, refused, strict=True) if reason is None]
+        found = iter(self._solved(usable, progress))
+        return [next(found) if reason is None else reason for reason in refused]
+
+    def _solved(
+        self, tasks: Sequence[EstimationTask], progress: Callable[[int, int], None] | None
+    ) -> list[Estimate | SolveError]:
+        attempts = [_Attempts(task, [self._single(task, start) for start in task.starts]) for task in tasks]
+        first = replace(self.solver, slopes=self.solver.slopes[:1], rounds=1)
+        solve([single.problem for attempt in attempts for single in attempt.tried], first)
+        last = self.solver.slopes[-1]
+        for attempt in attempts:
+            attempt.choose_cheapest(last)
+        solve([attempt.chosen.problem for attempt in attempts if attempt.is_good], self.solver, progress)
+        if self.turns is not None:
+            self._turn([attempt for attempt in attempts if attempt.is_good], self.turns)
+        return [attempt.estimate(last) for attempt in attempts]
+
+    def _single(self, task: EstimationTask, start: ObjectState) -> SingleObject:
+        return single_object(task.prior, start, task.views, task.up_world, task.floor, self.graph, task.box)
+
+    def _turn(self, attempts: Sequence["_Attempts"], config: QuarterTurnsConfig) -> None:
+        """Solve to the end what costs less turned, take it where it still does by enough, and say how likely other headings are."""
+        tasks, states = [attempt.task for attempt in attempts], [attempt.chosen.state for attempt in attempts]
+        better: list[tuple[_Attempts, SingleObject, Turns]] = []
+        for attempt, found in zip(attempts, quarter_turns(tasks, states, self.graph, config), strict=True):
+            if found is None or not np.isfinite(found.costs[0]):
+                continue
+            attempt.linearizations += found.linearizations
+            attempt.error_evaluations += found.error_evaluations
+            attempt.turns = found.turns(0, config.temperature)
+            state = found.states[found.cheapest]
+            if found.cheapest != 0 and state is not None:
+                turns = found.turns(found.cheapest, config.temperature)
+                better.append((attempt, self._single(attempt.task, state), turns))
+        solve([single.problem for _, single, _ in better], self.solver)
+        for attempt, single, turns in better:
+            attempt.tried.append(single)
+            # few points often prefer a heading that all of them do not, and less than a believed nat is chance
+            enough = attempt.chosen.problem.cost - config.temperature
+            if single.problem.failure is None and single.problem.cost < enough:
+                attempt.chosen, attempt.turns = single, turns
+
+
+@dataclass
+class _Attempts:
+    """What was tried of one object."""
+
+    task: EstimationTask
+    tried: list[SingleObject]
+    cost_initial: float = np.nan
+    turns: Turns | None = None
+    linearizations: int = 0
+    """Beside those of `tried`."""
+    error_evaluations: int = 0
+    chosen: SingleObject = field(init=False)
+
+    @property
+    def is_good(self) -> bool:
+        return self.chosen.problem.failure is None
+
+    def choose_cheapest(self, slope: float) -> None:
+        """... and say what it cost at its start, at the slope at which the end will be judged."""
+        solved = [single for single in self.tried if single.problem.failure is None]
+        self.chosen = min(solved or self.tried[:1], key=lambda single: single.problem.cost)
+        if self.is_good:
+            try:
+                self.cost_initial = self.chosen.cost_of_start(slope)
+            except (ObjectGraphError, RuntimeError) as error:
+                self.chosen.problem.failure = str(error)
+
+    def estimate(self, slope: float) -> Estimate | SolveError:
+        problem = self.chosen.problem
+        if problem.failure is not None:
+            return SolveError(f"{self.task.name}: {problem.failure}")
+        try:
+            covariance = self.chosen.covariance(slope)
+        except (ObjectGraphError, RuntimeError) as error:
+            return SolveError(f"{self.task.name}: {error}")
+        return Estimate(
+            self.chosen.state,
+            covariance,
+            self.cost_initial,
+            problem.cost,
+            self.linearizations + sum(single.problem.linearizations for single in self.tried),
+            self.error_evaluations + sum(single.problem.error_evaluations for single in self.tried),
+            problem.cost / len(self.task.views),
+            self.turns,
+        )

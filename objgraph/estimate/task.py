@@ -1,0 +1,74 @@
+"""What an estimator is given of an object, and what it gives back: the graph's and the paper's stand behind it."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from jaxtyping import Float
+
+from factors.state import ObjectState
+from objgraph.covariance.heading_modes import Turns
+from objgraph.covariance.labelled import ObjectCovariance
+from objgraph.errors import SolveError
+from objgraph.graph.builder import DetectedBox
+from objgraph.observation.sampling import ObjectView
+from objgraph.priors.shape_prior import ShapePrior
+
+
+@dataclass(frozen=True)
+class EstimationTask:
+    """One object to be estimated from its views at known cameras."""
+
+    name: str
+    """Whom an error message should name."""
+    prior: ShapePrior
+    starts: tuple[ObjectState, ...]
+    """First estimates, the most promising first; an estimator may use that one alone."""
+    views: tuple[ObjectView, ...]
+    up_world: Float[np.ndarray, "3"]
+    """Unit vector against gravity, in the world frame."""
+    floor: float | None = None
+    """Height of the floor along `up_world`, where it is known."""
+    box: DetectedBox | None = None
+    """What a detector says of place and size; the graph takes it for a measurement."""
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """One object as an estimator found it."""
+
+    state: ObjectState
+    covariance: ObjectCovariance | None
+    """None for an estimator that gives none."""
+    cost_initial: float
+    """Of the first start, in the estimator's own objective."""
+    cost_final: float
+    linearizations: int
+    """Evaluations of loss and derivatives."""
+    error_evaluations: int
+    """Evaluations of the loss alone."""
+    view_cost: float | None = None
+    """Nats that a view costs at the estimate; None where the objective is no likelihood."""
+    turns: Turns | None = None
+    """How likely the object stands otherwise; None where no quarter turn of it has a chance, or none was tried."""
+
+
+def unusable(task: EstimationTask) -> SolveError | None:
+    """What is wrong with a task, if anything is."""
+    if not task.starts or not task.views:
+        return SolveError(f"{task.name}: an estimate needs a start and a view")
+    length, given = task.prior.decoder.code_length, len(task.starts[0].code)
+    if given != length:
+        return SolveError(f"{task.name}: the start's code has length {given}, the decoder takes {length}")
+    return None
+
+
+class Estimator(Protocol):
+    """Estimates many objects together; one object's failure is its own result and stops no other."""
+
+    def estimate(
+        self, tasks: Sequence[EstimationTask], progress: Callable[[int, int], None] | None = None
+    ) -> list[Estimate | SolveError]:
+        """A result for every task, in their order; `progress` is called with (steps done, steps at most)."""
+        ...

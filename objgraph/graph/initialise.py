@@ -1,0 +1,186 @@
+"""First guesses of an object's pose and scale from its points, and the choice among them.
+
+As in the paper, the prior's mean shape is matched to the cloud over headings about gravity. The match is the graph
+itself on few points and rays: every guess is a small problem, all are solved together, and the cheapest are kept.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import gtsam
+import numpy as np
+import torch
+from jaxtyping import Float
+
+from factors.depth import RaySampling
+from factors.state import ObjectState
+from objgraph.errors import InitialisationError
+from objgraph.graph.builder import GraphConfig
+from objgraph.graph.initial_box import gravity_box, smallest_heading
+from objgraph.graph.single_object import single_object
+from objgraph.graph.solve import LevenbergMarquardtConfig, Problem, SolverConfig, solve
+from objgraph.observation.sampling import ObjectView
+from objgraph.priors.shape_prior import ShapePrior
+
+
+@dataclass(frozen=True)
+class InitialisationConfig:
+    """Guesses, and how cheaply they are told apart."""
+
+    headings: int = 8
+    """Evenly spaced about gravity, from the direction of the smallest box."""
+    guesses: int = 10
+    """Of all headings and starting shapes, how many are solved on few points."""
+    points: int = 150
+    """Surface points of all views together for the first ranking."""
+    rays: int = 150
+    """Rays of all views together for the first ranking."""
+    sampling: RaySampling = field(default_factory=lambda: RaySampling(coarse=12, cells=8))
+    slope: float = 60.0
+    """Occupancy slope while guesses are told apart, 1/metres."""
+    inner: LevenbergMarquardtConfig = field(
+        default_factory=lambda: LevenbergMarquardtConfig(iterations=4, relative_tolerance=1e-2)
+    )
+    """Each round of that."""
+    shortlist: int = 4
+    """Guesses that are left after the first round."""
+    keep: int = 2
+    """Guesses that go on to the full solution."""
+    floor_reach: float = 0.8
+    """An object whose lowest seen point is less than this above the floor stands on it, metres."""
+
+
+def guesses(
+    prior: ShapePrior,
+    views: Sequence[ObjectView],
+    up_world: Float[np.ndarray, "3"],
+    floor: float | None,
+    config: InitialisationConfig,
+) -> list[ObjectState]:
+    """The most promising of all headings and starting shapes, each as high as the points' box and in its middle.
+
+    Raises:
+        InitialisationError: there are too few points to put a box about.
+    """
+    points = np.concatenate([view.points_world for view in views]) if views else np.zeros((0, 3))
+    if len(points) < 10:
+        raise InitialisationError(f"{len(points)} points are too few to place an object; add views of it")
+    start = smallest_heading(points, up_world)
+    headings = start + np.arange(config.headings) * 2 * np.pi / config.headings
+    boxes = [gravity_box(points, up_world, angle, floor, config.floor_reach) for angle in headings]
+    if prior.is_fallback:
+        # it has no front to be found: its x axis is along the longer level side
+        boxes = [box for box in boxes if box.size[0] >= box.size[2]] or boxes
+    states = []
+    for box in boxes:
+        T_world_object = gtsam.Pose3(gtsam.Rot3(box.R_world_object), box.centre_world)
+        for code, extents in zip(prior.starts, prior.start_extents, strict=True):
+            if np.isfinite(extents).all():
+                log_scale = _log_scale(np.log(box.size / extents), floor is not None, prior)
+                states.append(ObjectState(T_world_object, log_scale, np.array(code, dtype=float)))
+    if not states:
+        raise InitialisationError(
+            f"no starting shape of the {prior.category} prior has a surface; retrain it"
+        )
+    off = misfit(prior, states, points, free_points(views))
+    return [states[i] for i in np.argsort(off, kind="stable")[: config.guesses]]
+
+
+def _log_scale(log_ratio: Float[np.ndarray, "3"], stands: bool, prior: ShapePrior) -> Float[np.ndarray, "3"]:
+    """Log-scale from the box over the shape: its height where the floor is known, its sides half as far.
+
+    The sides of a shape that scales alone can stretch are the box's own.
+    """
+    # on a known floor the height is seen whole, the other sides may be cut off
+    size = float(log_ratio[1] if stands else log_ratio.mean())
+    reach = 2.5 * prior.size_log_sigma
+    size = np.clip(size, np.log(prior.size_mean) - reach, np.log(prior.size_mean) + reach)
+    anisotropy = prior.anisotropy_sigma
+    share, limit = (0.5, 0.3) if anisotropy is None else (1.0, 2.5 * anisotropy)
+    return size + share * np.clip(log_ratio - size, -limit, limit)
+
+
+def free_points(views: Sequence[ObjectView]) -> Float[np.ndarray, "m 3"]:
+    """World points that are seen to be empty: on the free rays, as deep as the object next to them."""
+    points = []
+    for view in views:
+        rays = view.rays
+        free = ~rays.hit & (rays.end > rays.depth)
+        p_camera = rays.directions_camera[free] * rays.depth[free, None]
+        points.append(
+            p_camera @ view.T_world_camera.rotation().matrix().T + view.T_world_camera.translation()
+        )
+    return np.concatenate(points)
+
+
+def misfit(
+    prior: ShapePrior,
+    states: Sequence[ObjectState],
+    p_surface: Float[np.ndarray, "n 3"],
+    p_free: Float[np.ndarray, "m 3"],
+    count: int = 120,
+    limit: float = 0.15,
+) -> Float[np.ndarray, "s"]:
+    """Mean distance of surface points from each state's surface and of free points into it, metres, cut off."""
+    rng = np.random.default_rng(0)
+    surface = p_surface[rng.permutation(len(p_surface))[:count]]
+    free = p_free[rng.permutation(len(p_free))[:count]]
+    points = [np.concatenate([state.to_object(surface), state.to_object(free)]) for state in states]
+    like = prior.decoder.like
+    codes = torch.as_tensor(np.stack([state.code for state in states])).to(like)
+    owner = torch.arange(len(states)).repeat_interleave(len(points[0])).to(like.device)
+    with torch.no_grad():
+        sdf = prior.decoder(torch.as_tensor(np.concatenate(points)).to(like), codes, owner)
+    metres = np.exp([state.log_scale.mean() for state in states])[:, None]
+    distance = sdf.cpu().double().numpy().reshape(len(states), -1) * metres
+    on, off = np.split(distance, [len(surface)], axis=1)
+    missed = np.minimum(np.abs(on), limit).mean(axis=1)
+    inside = np.clip(-off, 0.0, limit).mean(axis=1) if off.size else 0.0
+    return missed + inside
+
+
+def rank(
+    prior: ShapePrior,
+    views: Sequence[ObjectView],
+    states: Sequence[ObjectState],
+    up_world: Float[np.ndarray, "3"],
+    floor: float | None,
+    config: InitialisationConfig,
+    graph_config: GraphConfig,
+) -> tuple[list[ObjectState], list[Problem]]:
+    """The best of `states` after a cheap solution of each, cheapest first, and the problems that were solved.
+
+    Of several that came to the same heading only the cheapest is kept.
+
+    Raises:
+        InitialisationError: every guess failed; the message says why the first did.
+    """
+    share = max(1, len(views))
+    thin = [
+        view.thinned(config.points // share, config.rays // share, seed=i) for i, view in enumerate(views)
+    ]
+    # starting shapes fill their box: a few steps from them need not be told
+    settings = replace(graph_config, sampling=config.sampling, sides=None)
+    singles = [single_object(prior, state, thin, up_world, floor, settings) for state in states]
+    problems = [single.problem for single in singles]
+    solve(problems, SolverConfig((config.slope,), 1, inner=config.inner))
+    shortlist = sorted(_solved(problems), key=lambda i: problems[i].cost)[: config.shortlist]
+    solve([problems[i] for i in shortlist], SolverConfig((config.slope,), 2, inner=config.inner))
+    shortlist = [i for i in shortlist if problems[i].failure is None]
+    if not shortlist:
+        raise InitialisationError(f"none of {len(states)} guesses could be solved: {problems[0].failure}")
+    best = []
+    for i in sorted(shortlist, key=lambda i: problems[i].cost):
+        state = singles[i].state
+        if not any(_same_heading(state, other) for other in best):
+            best.append(state)
+    return best[: config.keep], problems
+
+
+def _solved(problems: Sequence[Problem]) -> list[int]:
+    return [i for i, problem in enumerate(problems) if problem.failure is None]
+
+
+def _same_heading(a: ObjectState, b: ObjectState, angle: float = 0.25) -> bool:
+    between = a.T_world_object.rotation().between(b.T_world_object.rotation())
+    return bool(np.linalg.norm(gtsam.Rot3.Logmap(between)) < angle)

@@ -1,0 +1,312 @@
+"""Objects inside a GTSAM graph that the caller owns."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import gtsam
+import numpy as np
+from jaxtyping import Float
+
+from factors.base import Annealing, ObservationFactor
+from factors.errors import FactorError
+from factors.keys import readable_key
+from factors.rays import Rays
+from factors.state import ObjectKeys, ObjectState
+from objgraph.covariance.labelled import ObjectCovariance
+from objgraph.covariance.posterior import Posterior
+from objgraph.diagnostics.undetermined import require_values
+from objgraph.errors import ObservationError, SolveError
+from objgraph.graph.builder import (
+    GraphConfig,
+    box_factor,
+    floor_factor,
+    ray_factor,
+    state_priors,
+    view_factors,
+)
+from objgraph.graph.initialise import InitialisationConfig, guesses, rank
+from objgraph.graph.solve import Problem, SolverConfig, solve
+from objgraph.observation.sampling import ObjectView
+from objgraph.priors.registry import prior_for
+from objgraph.priors.shape_prior import ShapePrior
+
+JOINT_ROUNDS = 20
+"""Of the solver, at most, where cameras and objects are unknown together."""
+
+
+@dataclass
+class ObjectHandle:
+    """One object of an `ObjectGraph`."""
+
+    name: str
+    keys: ObjectKeys
+    prior: ShapePrior
+    factors: list[ObservationFactor] = field(default_factory=list)
+    """Those that use the decoder."""
+    views: list[str] = field(default_factory=list)
+    """Names of the frames that it was observed in."""
+    slots: dict[int, gtsam.NonlinearFactor] = field(default_factory=dict)
+    """All its factors by their index in the caller's graph."""
+
+
+class ObjectGraph:
+    """Adds objects, their priors and their views to the caller's graph and values; owns neither.
+
+    What it adds it can take out again, and it touches nothing else: the caller may go on adding factors and
+    variables, and use an optimiser of his own.
+    """
+
+    def __init__(
+        self,
+        graph: gtsam.NonlinearFactorGraph,
+        values: gtsam.Values,
+        config: GraphConfig | None = None,
+        *,
+        up_world: Float[np.ndarray, "3"] | None = None,
+        floor: float | None = None,
+        initialisation: InitialisationConfig | None = None,
+    ) -> None:
+        """`up_world` is the unit vector against gravity, `floor` the floor's height along it, where they are known."""
+        self.graph = graph
+        self.values = values
+        self.config = config or GraphConfig()
+        self.up_world = None if up_world is None else np.asarray(up_world, float)
+        self.floor = floor
+        self.initialisation = initialisation or InitialisationConfig()
+        self.objects: list[ObjectHandle] = []
+
+    def add_object(
+        self,
+        prior: ShapePrior | str,
+        start: ObjectState | ObjectView | Sequence[ObjectView],
+        *,
+        up_world: Float[np.ndarray, "3"] | None = None,
+        keys: ObjectKeys | None = None,
+        name: str | None = None,
+    ) -> ObjectHandle:
+        """Add an object's variables and what is known beforehand of its code, its scale and, where up is known, its lean.
+
+        `prior` is a shape prior or the name of a category. `start` is the first estimate, or views of the object
+        from which to find one: each as seen from its own `T_world_camera` (`ObjectView.at` sets another). The views
+        add no factor of theirs: `observe` does. `up_world` stands in for the graph's own.
+
+        Raises:
+            FactorError: one of the keys is already in the values.
+            ObservationError: views are given, but not which way is up.
+            InitialisationError: the views do not suffice to place the object.
+        """
+        prior = prior_for(prior) if isinstance(prior, str) else prior
+        up_world = self.up_world if up_world is None else np.asarray(up_world, float)
+        name = name or f"{prior.category} {len(self.objects)}"
+        views = [] if isinstance(start, ObjectState) else _several(start)
+        state = (
+            start if isinstance(start, ObjectState) else self._first_estimate(name, prior, views, up_world)
+        )
+        handle = ObjectHandle(name, keys or ObjectKeys.numbered(self._free_index()), prior)
+        state.insert(self.values, handle.keys)
+        for factor in state_priors(prior, handle.keys, self.config, up_world):
+            self._push(handle, factor)
+        self.add_factors(handle, box_factor(prior, handle.keys, self.config))
+        self.objects.append(handle)
+        if views and self.floor is not None:
+            self.stand_on_floor(handle)
+        return handle
+
+    def observe(
+        self, handle: ObjectHandle, view: ObjectView, camera: gtsam.Pose3 | int | None = None
+    ) -> None:
+        """Add the 3D and the 2D factor of one view.
+
+        `camera` is T_world_camera, or the key of a `Pose3` that holds it; by default the view's own pose.
+        """
+        camera = view.T_world_camera if camera is None else camera
+        for factor in view_factors(handle.prior, handle.keys, view, camera, self.config):
+            self._add(handle, factor)
+        handle.views.append(view.frame)
+
+    def add_factors(self, handle: ObjectHandle, factors: Sequence[ObservationFactor]) -> None:
+        """Add observation factors on the object's keys that were made elsewhere."""
+        for factor in factors:
+            self._add(handle, factor)
+
+    def add_free_rays(self, handle: ObjectHandle, camera: gtsam.Pose3 | int, rays: Rays) -> None:
+        """Add a 2D factor alone, of rays each of which is one independent measurement."""
+        share = np.ones(len(rays.depth))
+        self._add(handle, ray_factor(handle.prior, handle.keys, camera, rays, share, self.config))
+
+    def stand_on_floor(self, handle: ObjectHandle) -> None:
+        """Add what the floor says: nothing of the object lies below it.
+
+        Raises:
+            ObservationError: the graph was not told where the floor is, or which way is up.
+        """
+        if self.floor is None or self.up_world is None:
+            raise ObservationError(
+                f"{handle.name}: say where the floor is (ObjectGraph(up_world=..., floor=...))"
+            )
+        floor = floor_factor(handle.prior, handle.keys, self.up_world, self.floor, self.config)
+        self._add(handle, floor)
+
+    def remove_object(self, handle: ObjectHandle) -> None:
+        """Take the object's variables and factors out again; the caller's stay as they are.
+
+        A removed factor leaves an empty slot, as `NonlinearFactorGraph.remove` does, unless it is the graph's last.
+
+        Raises:
+            FactorError: a factor of the caller's own is on one of the object's keys, or the object's factors are
+                not in the graph any more; nothing has been changed.
+        """
+        self._check_removable(handle)
+        for slot in handle.slots:
+            self.graph.remove(slot)
+        size = self.graph.size()
+        while size and not self.graph.exists(size - 1):
+            size -= 1
+        self.graph.resize(size)
+        for key in handle.keys:
+            self.values.erase(key)
+        self.objects.remove(handle)
+
+    def refresh(self, annealing: Annealing = Annealing()) -> None:  # noqa: B008
+        """Freeze noise and ray samples at the current values; the caller's optimiser may then run."""
+        for handle in self.objects:
+            for factor in handle.factors:
+                factor.refresh(self.values, annealing)
+
+    def optimize(self, config: SolverConfig | None = None) -> list[Problem]:
+        """Minimise the whole graph, each connected part by itself; the values are updated in place.
+
+        Cameras and objects together take more rounds than one object: by default up to `JOINT_ROUNDS`.
+
+        Raises:
+            SolveError: a part failed, or leaves something undetermined; the message names its objects, and the
+                directions and the priors that are missing. Parts that succeeded are updated all the same.
+        """
+        problems = self.problems()
+        solve(problems, config or SolverConfig(rounds=JOINT_ROUNDS), refuse_undetermined=True)
+        for problem in problems:
+            self.values.update(problem.values)
+        failed = [f"{problem.name}: {problem.failure}" for problem in problems if problem.failure]
+        if failed:
+            raise SolveError("; ".join(failed))
+        return problems
+
+    def problems(self) -> list[Problem]:
+        """The graph's connected parts, each with the values and the decoder factors that belong to it.
+
+        Raises:
+            SolveError: a factor's variable is not in the values.
+        """
+        require_values(self.graph, self.values)
+        part = _Parts()
+        indices = [i for i in range(self.graph.size()) if self.graph.exists(i)]
+        for i in indices:
+            part.join(self.graph.at(i).keys())
+        for handle in self.objects:
+            part.join(list(handle.keys))
+        graphs: dict[int, gtsam.NonlinearFactorGraph] = {}
+        for i in indices:
+            factor = self.graph.at(i)
+            graphs.setdefault(part.of(factor.keys()[0]), gtsam.NonlinearFactorGraph()).push_back(factor)
+        problems = []
+        for root, graph in graphs.items():
+            handles = [handle for handle in self.objects if part.of(handle.keys.pose) == root]
+            values = self.values.extract(graph.keyVector())
+            name = ", ".join(handle.name for handle in handles) or "variables without objects"
+            problems.append(Problem(name, graph, values, [f for h in handles for f in h.factors]))
+        return problems
+
+    def state(self, handle: ObjectHandle) -> ObjectState:
+        return ObjectState.from_values(self.values, handle.keys)
+
+    def posterior(self) -> Posterior:
+        """The whole graph as it is now, for the covariances of many objects: `.marginals(handle.keys)`.
+
+        Raises:
+            SolveError: the graph leaves something undetermined; the message says what is missing.
+        """
+        return Posterior(self.graph, self.values, [each.keys for each in self.objects])
+
+    def marginals(self, handle: ObjectHandle) -> ObjectCovariance:
+        """The object's joint covariance of pose, log-scale and code; raises SolveError where undetermined.
+
+        Linearises what the object is connected with; `posterior` does so once for all.
+        """
+        return ObjectCovariance.of(self.joint_marginals(handle), "marginals")
+
+    def joint_marginals(self, handle: ObjectHandle, others: Sequence[int] = ()) -> Float[np.ndarray, "d d"]:
+        """Joint covariance of the object's pose, log-scale and code and then of `others`, in their order.
+
+        `others` are keys of any variables of the graph, such as cameras: the cross blocks are those of the GTSAM
+        tangents, [rotation, translation] in the body frame of a `Pose3`. Raises SolveError where undetermined.
+        """
+        keys = [*handle.keys, *others]
+        parts = [p for p in self.problems() if any(p.values.exists(key) for key in keys)]
+        # parts that share no factor do not correlate, and GTSAM says so of the whole
+        graph, values = (parts[0].graph, parts[0].values) if len(parts) == 1 else (self.graph, self.values)
+        if not all(values.exists(key) for key in keys):
+            graph, values = self.graph, self.values
+        return Posterior(graph, values, [each.keys for each in self.objects]).joint_covariance(keys)
+
+    def _first_estimate(
+        self,
+        name: str,
+        prior: ShapePrior,
+        views: Sequence[ObjectView],
+        up_world: Float[np.ndarray, "3"] | None,
+    ) -> ObjectState:
+        if up_world is None:
+            raise ObservationError(f"{name}: to place it by its views, say which way is up (up_world=...)")
+        states = guesses(prior, views, up_world, self.floor, self.initialisation)
+        (best, *_), _ = rank(prior, views, states, up_world, self.floor, self.initialisation, self.config)
+        return best
+
+    def _add(self, handle: ObjectHandle, factor: ObservationFactor) -> None:
+        self._push(handle, factor.gtsam_factor())
+        handle.factors.append(factor)
+
+    def _push(self, handle: ObjectHandle, factor: gtsam.NonlinearFactor) -> None:
+        handle.slots[self.graph.size()] = factor
+        self.graph.push_back(factor)
+
+    def _check_removable(self, handle: ObjectHandle) -> None:
+        if handle not in self.objects:
+            raise FactorError(f"{handle.name} is not in this graph")
+        own = set(handle.keys)
+        for i in range(self.graph.size()):
+            found = list(self.graph.at(i).keys()) if self.graph.exists(i) else None
+            expected = handle.slots.get(i)
+            if expected is not None and found != list(expected.keys()):
+                raise FactorError(
+                    f"{handle.name}: the graph was rearranged, its factor {i} is another one now"
+                )
+            if expected is None and found is not None and own.intersection(found):
+                names = ", ".join(readable_key(key) for key in found)
+                raise FactorError(f"{handle.name} cannot be removed: your factor {i} on {names} holds it")
+
+    def _free_index(self) -> int:
+        index = len(self.objects)
+        while any(self.values.exists(key) for key in ObjectKeys.numbered(index)):
+            index += 1
+        return index
+
+
+def _several(views: ObjectView | Sequence[ObjectView]) -> list[ObjectView]:
+    return [views] if isinstance(views, ObjectView) else list(views)
+
+
+class _Parts:
+    """Union-find over keys."""
+
+    def __init__(self) -> None:
+        self._parent: dict[int, int] = {}
+
+    def of(self, key: int) -> int:
+        parent = self._parent.setdefault(key, key)
+        if parent != key:
+            parent = self._parent[key] = self.of(parent)
+        return parent
+
+    def join(self, keys) -> None:
+        for key in keys:
+            self._parent[self.of(key)] = self.of(keys[0])

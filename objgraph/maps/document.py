@@ -1,0 +1,77 @@
+"""A mapped object as an entry of the map's JSON document, and back."""
+
+from collections.abc import Iterable
+from dataclasses import fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from objgraph.errors import MapError
+from objgraph.maps import files as map_files
+from objgraph.maps.mapped_object import COVARIANCE_AXES, MappedObject, PriorReference
+from objgraph.maps.other_estimate import OtherEstimate
+
+_IN_FILES = ("vertices", "faces", "vertex_sigma", "joint_covariance")
+_JSON_FIELDS = tuple(f.name for f in fields(MappedObject) if f.name not in _IN_FILES)
+
+
+def to_json(entry: MappedObject, mesh: str | None, joint: str | None) -> dict[str, Any]:
+    """An object's entry in the document; `mesh` and `joint` name the files of its surface and joint covariance."""
+    document = {name: getattr(entry, name) for name in _JSON_FIELDS}
+    document = {k: v.tolist() if isinstance(v, np.ndarray) else v for k, v in document.items()}
+    document["views"] = list(entry.views)
+    document["prior"] = _prior_to_json(entry.prior)
+    document["other"] = None if entry.other is None else entry.other.to_json()
+    document["covariance_axes"] = None if entry.covariance is None else list(COVARIANCE_AXES)
+    document |= {"mesh": mesh, "joint_covariance": joint}
+    return document
+
+
+def _prior_to_json(prior: PriorReference | None) -> dict[str, Any] | None:
+    if prior is None:
+        return None
+    return {"name": prior.name, "hash": prior.hash} | ({"fallback": True} if prior.fallback else {})
+
+
+def from_json(document: Any, index: int, folder: Path) -> MappedObject:
+    """The object that the document's `index`-th entry describes, with its surface from the folder.
+
+    Raises:
+        MapError: a field or the mesh is missing or broken; the message names it.
+    """
+    where = f"{folder / map_files.DOCUMENT}: objects[{index}]"
+    if not isinstance(document, dict):
+        raise MapError(f"{where} is no JSON object")
+    require(document, (*_JSON_FIELDS, "covariance_axes", *map_files.FILES), where)
+    if document["covariance"] is not None and document["covariance_axes"] != list(COVARIANCE_AXES):
+        raise MapError(f"{where}: covariance_axes are not {list(COVARIANCE_AXES)}")
+    given = {name: document[name] for name in _JSON_FIELDS}
+    try:
+        given["prior"] = None if given["prior"] is None else PriorReference(**given["prior"])
+    except TypeError as error:
+        raise MapError(f"{where}: prior must have a name and a hash ({error})") from error
+    for name, kind in (("views", list), ("seconds_by_stage", dict), ("evaluation", dict | None)):
+        if not isinstance(given[name], kind):
+            raise MapError(f"{where}: {name} is a {type(given[name]).__name__}")
+    for name, end in map_files.FILES.items():
+        if document[name] is not None and not map_files.is_plain_name(document[name], end):
+            raise MapError(
+                f"{where}: {name} {document[name]!r} is not the name of a {end} file in the map's folder"
+            )
+    if document["mesh"] is not None:
+        surface = map_files.read_surface(folder / document["mesh"])
+        given |= {"vertices": surface.vertices, "faces": surface.faces, "vertex_sigma": surface.sigma}
+    if document["joint_covariance"] is not None:
+        given["joint_covariance"] = map_files.read_covariance(folder / document["joint_covariance"])
+    try:
+        given["other"] = None if given["other"] is None else OtherEstimate.from_json(given["other"])
+        return MappedObject(**given)
+    except MapError as error:
+        raise MapError(f"{where}: {error}") from error
+
+
+def require(document: dict[str, Any], names: Iterable[str], where: str) -> None:
+    """Raises `MapError` where a name is missing."""
+    if missing := [name for name in names if name not in document]:
+        raise MapError(f"{where}: {', '.join(missing)} missing; was this written by ObjectMap.save?")

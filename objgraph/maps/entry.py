@@ -1,0 +1,82 @@
+"""From an estimate to an object of the map: its mesh, what is known of it, and where it is from."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from factors.state import ObjectState
+from objgraph.covariance.heading_modes import Turns
+from objgraph.covariance.labelled import ObjectCovariance
+from objgraph.covariance.surface import surface_sigma
+from objgraph.errors import SolveError
+from objgraph.estimate.task import Estimate
+from objgraph.maps.mapped_object import MappedObject, PriorReference
+from objgraph.observation.frames import Instance
+from objgraph.observation.sampling import ObjectView
+from objgraph.priors.mesh import extract_mesh
+from objgraph.priors.shape_prior import ShapePrior
+
+
+@dataclass(frozen=True)
+class Found(Estimate):
+    """An estimate that has a covariance."""
+
+    covariance: ObjectCovariance
+
+
+def found(estimate: Estimate, name: str) -> Found:
+    """The estimate with its covariance; raises SolveError where it has none."""
+    if estimate.covariance is None:
+        raise SolveError(f"{name}: the estimator gives no covariance, which the map needs")
+    return Found(**vars(estimate))
+
+
+def map_entry(
+    instance: Instance, prior: ShapePrior, estimate: Found, views: Sequence[ObjectView], resolution: int
+) -> MappedObject:
+    """The object as the map has it, its mesh cut at `resolution` cells along an edge of the canonical cube.
+
+    Raises:
+        SolveError: the code has no surface.
+    """
+    state, covariance = estimate.state, estimate.covariance
+    mesh = extract_mesh(prior.decoder, state.code, resolution=resolution)
+    vertices = np.asarray(mesh.vertices)
+    return MappedObject(
+        instance.id,
+        instance.category,
+        "mapped",
+        T_world_object=state.T_world_object.matrix(),
+        scale=state.scale,
+        code=state.code,
+        covariance=covariance.rigid,
+        code_sigma=np.sqrt(np.diag(covariance.code)),
+        cost_initial=estimate.cost_initial,
+        cost_final=estimate.cost_final,
+        linearizations=estimate.linearizations,
+        error_evaluations=estimate.error_evaluations,
+        views=tuple(view.frame for view in views),
+        cameras=np.array([view.T_world_camera.matrix() for view in views]),
+        size_m=state.scale * mesh.extents,
+        turns=None if estimate.turns is None else estimate.turns.probability,
+        turned=None if estimate.turns is None else _turned(state, estimate.turns),
+        prior=_reference(prior),
+        vertices=state.to_world(vertices),
+        faces=np.asarray(mesh.faces),
+        vertex_sigma=surface_sigma(prior.decoder, state, covariance.times(prior.surface_misfit), vertices),
+        joint_covariance=covariance.matrix,
+    )
+
+
+def _turned(state: ObjectState, turns: Turns) -> Float[np.ndarray, "4 9+l"] | None:
+    """As the map has them."""
+    if not turns.states:
+        return None
+    return np.array([state.local_coordinates(state if other is None else other) for other in turns.states])
+
+
+def _reference(prior: ShapePrior) -> PriorReference:
+    name = prior.card["fallback"] if prior.is_fallback else prior.category
+    return PriorReference(name, prior.card.get("sha256", "unknown"), prior.is_fallback)

@@ -1,0 +1,93 @@
+"""One scan and its detections in, a map of its objects out."""
+
+import logging
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from functools import cache, partial
+from pathlib import Path
+
+from objgraph.errors import ObjectGraphError, SolveError
+from objgraph.estimate.graph import GraphEstimator
+from objgraph.estimate.task import Estimate, EstimationTask
+from objgraph.graph.builder import GraphConfig
+from objgraph.graph.solve import SolverConfig
+from objgraph.maps.entry import found, map_entry
+from objgraph.maps.lidar_task import ROADS, LidarTaskConfig, task_of
+from objgraph.maps.mapped_object import MappedObject
+from objgraph.maps.object_map import ObjectMap
+from objgraph.observation.frames import Instance
+from objgraph.observation.lidar.frame import Detection, LidarFrame
+from objgraph.priors.registry import prior_for
+from objgraph.priors.store import load_prior_file
+
+log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class LidarMappingConfig:
+    """All settings of mapping a scan."""
+
+    seed: int = 0
+    """Of everything that is sampled."""
+    mesh_resolution: int = 64
+    """Cells along an edge of the canonical cube."""
+    priors: tuple[str, ...] = ()
+    """Your own priors, .safetensors files: each serves its category in place of the shipped one."""
+    task: LidarTaskConfig = field(default_factory=LidarTaskConfig)
+    graph: GraphConfig = ROADS
+    solver: SolverConfig = field(default_factory=SolverConfig)
+
+
+def map_lidar(
+    frame: LidarFrame,
+    config: LidarMappingConfig | None = None,
+    progress: Callable[[str, int, int], None] | None = None,
+) -> ObjectMap:
+    """Estimate every detected object; all decode together, and one that fails says why and stops no other.
+
+    Raises:
+        PriorError: one of the files of `config.priors` is no prior.
+    """
+    config = config or LidarMappingConfig()
+    tell = progress or (lambda what, done, total: None)
+    given = [load_prior_file(Path(path)) for path in config.priors]
+    find_prior = cache(partial(prior_for, given=given))  # one prior, and one warning, a category
+    begun = time.perf_counter()
+    tasks: dict[int, EstimationTask] = {}
+    entries: dict[int, MappedObject] = {}
+    for detection in frame.detections:
+        try:
+            prior = find_prior(detection.category)
+            tasks[detection.id] = task_of(frame, detection, prior, config.task, config.seed)
+        except ObjectGraphError as error:
+            entries[detection.id] = _failed(detection, error)
+    estimator = GraphEstimator(config.graph, config.solver)
+    results = estimator.estimate(list(tasks.values()), lambda done, total: tell("solving", done, total))
+    for (number, task), result in zip(tasks.items(), results, strict=True):
+        entries[number] = _entry(frame.detection(number), task, result, config)
+    share = (time.perf_counter() - begun) / max(len(tasks), 1)  # they are solved together
+    objects = tuple(
+        replace(entries[each.id], seconds=share) if entries[each.id].status == "mapped" else entries[each.id]
+        for each in frame.detections
+    )
+    return ObjectMap(frame.name, objects, frame.up_world)
+
+
+def _entry(
+    detection: Detection, task: EstimationTask, result: Estimate | SolveError, config: LidarMappingConfig
+) -> MappedObject:
+    try:
+        if isinstance(result, SolveError):
+            raise result
+        instance = Instance(detection.id, detection.category)
+        estimate = found(result, task.name)
+        entry = map_entry(instance, task.prior, estimate, task.views, config.mesh_resolution)
+        return replace(entry, estimator="graph")
+    except ObjectGraphError as error:
+        return _failed(detection, error)
+
+
+def _failed(detection: Detection, error: ObjectGraphError) -> MappedObject:
+    log.warning("%s could not be mapped: %s", detection.name, error)
+    return MappedObject(detection.id, detection.category, "failed", str(error))

@@ -1,0 +1,105 @@
+"""What mapping gives: the objects of a scene, saved as JSON, GLB and safetensors."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+
+from objgraph.errors import MapError
+from objgraph.maps import document as map_json
+from objgraph.maps import files as map_files
+from objgraph.maps.colors import sigma_colors, sigma_limit
+from objgraph.maps.mapped_object import MappedObject
+
+VERSION = 5
+"""Of the document's layout; a reader refuses another."""
+
+
+@dataclass(frozen=True, eq=False)
+class ObjectMap:
+    """The objects of a scene.
+
+    Raises:
+        MapError: two objects share an id, or `up_world` is no unit vector.
+    """
+
+    scene: str
+    objects: tuple[MappedObject, ...]
+    up_world: Float[np.ndarray, "3"]
+    """Unit vector against gravity, world frame."""
+
+    def __post_init__(self) -> None:
+        up = np.array(self.up_world, float)
+        if up.shape != (3,) or not abs(np.linalg.norm(up) - 1) < 1e-6:
+            raise MapError(f"map of {self.scene}: up_world {up.tolist()} is no unit vector of length 3")
+        up.flags.writeable = False
+        object.__setattr__(self, "up_world", up)
+        object.__setattr__(self, "objects", tuple(self.objects))
+        ids = [entry.id for entry in self.objects]
+        if repeated := sorted({i for i in ids if ids.count(i) > 1}):
+            raise MapError(f"map of {self.scene}: several objects have the id {repeated}; give each its own")
+
+    @property
+    def mapped(self) -> tuple[MappedObject, ...]:
+        """The objects that did not fail."""
+        return tuple(entry for entry in self.objects if entry.status == "mapped")
+
+    def save(self, folder: Path | str) -> None:
+        """Write `map.json`, and for each object its mesh (GLB, world frame; coloured by sigma, its attribute `_SIGMA`) and its
+        joint covariance (safetensors).
+
+        Over an existing map this is one step: whoever reads sees the old map or the new one. Vertices and
+        their sigma are stored in single precision.
+
+        Raises:
+            MapError: the folder cannot be written.
+        """
+        limit = sigma_limit(entry.vertex_sigma for entry in self.objects)
+        files: dict[str, bytes] = {}
+        entries = []
+        for entry in self.objects:
+            name = joint = None
+            if entry.vertices is not None and entry.faces is not None:
+                colors = None
+                if entry.vertex_sigma is not None and limit is not None:
+                    colors = sigma_colors(entry.vertex_sigma, limit)
+                surface = map_files.Surface(entry.vertices, entry.faces, entry.vertex_sigma)
+                data = map_files.encode_surface(surface, colors)
+                name = map_files.surface_name(entry.id, data)
+                files[name] = data
+            if entry.joint_covariance is not None:
+                data = map_files.encode_covariance(entry.joint_covariance)
+                joint = map_files.covariance_name(entry.id, data)
+                files[joint] = data
+            entries.append(map_json.to_json(entry, name, joint))
+        document = {
+            "version": VERSION,
+            "scene": self.scene,
+            "up_world": self.up_world.tolist(),
+            "objects": entries,
+        }
+        map_files.commit(Path(folder), document, files)
+
+    @classmethod
+    def load(cls, folder: Path | str) -> "ObjectMap":
+        """The map saved in a folder.
+
+        Raises:
+            MapError: a file is missing or broken, or a field is; the message names both.
+        """
+        folder = Path(folder)
+        path = folder / map_files.DOCUMENT
+        document = map_files.read_document(folder)
+        map_json.require(document, ("version", "scene", "up_world", "objects"), f"{path}")
+        if document["version"] != VERSION:
+            raise MapError(
+                f"{path}: version {document['version']!r} is not {VERSION}, which this reader knows"
+            )
+        if not isinstance(document["objects"], list):
+            raise MapError(f"{path}: objects is no list")
+        objects = [map_json.from_json(entry, i, folder) for i, entry in enumerate(document["objects"])]
+        try:
+            return cls(str(document["scene"]), tuple(objects), document["up_world"])
+        except (MapError, TypeError, ValueError) as error:
+            raise MapError(f"{path}: {error}") from error

@@ -1,0 +1,235 @@
+"""The main job: a scan goes in, a map of solved objects with covariances comes out."""
+
+import logging
+import time
+from collections.abc import Callable, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+from functools import cache, partial
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from jaxtyping import Float
+
+from objgraph.errors import InitialisationError, ObjectGraphError, ObservationError, SolveError
+from objgraph.estimate import AdamConfig, AdamEstimator
+from objgraph.estimate.graph import GraphEstimator
+from objgraph.estimate.task import EstimationTask, Estimator
+from objgraph.graph.builder import GraphConfig
+from objgraph.graph.initialise import InitialisationConfig, guesses, rank
+from objgraph.graph.solve import SolverConfig
+from objgraph.maps.entry import Found, found, map_entry
+from objgraph.maps.mapped_object import MappedObject
+from objgraph.maps.object_map import ObjectMap
+from objgraph.maps.other_estimate import OtherEstimate
+from objgraph.observation.floor import estimate_floor
+from objgraph.observation.frames import FrameSource, Instance, Scan
+from objgraph.observation.sampling import ObjectView, SamplingConfig, observe
+from objgraph.observation.view_selection import ViewConfig, ViewIndex, summarize
+from objgraph.priors.registry import prior_for
+from objgraph.priors.shape_prior import ShapePrior
+from objgraph.priors.store import load_prior_file
+
+log = logging.getLogger(__name__)
+
+Progress = Callable[[str, int, int], None]
+"""(what is being done, done, of how many)."""
+
+
+@dataclass(frozen=True)
+class MappingConfig:
+    """All settings of a mapping run."""
+
+    views: int = 3
+    """Views of each object."""
+    seed: int = 0
+    """Of everything that is sampled."""
+    mesh_resolution: int = 64
+    """Cells along an edge of the canonical cube."""
+    priors: tuple[str, ...] = ()
+    """Your own priors, .safetensors files: each serves its category in place of the shipped one."""
+    view: ViewConfig = field(default_factory=ViewConfig)
+    sampling: SamplingConfig = field(default_factory=SamplingConfig)
+    initialisation: InitialisationConfig = field(default_factory=InitialisationConfig)
+    graph: GraphConfig = field(default_factory=GraphConfig)
+    solver: SolverConfig = field(default_factory=SolverConfig)
+    estimator: Literal["graph", "adam", "both"] = "graph"
+    """Who estimates: the factor graph, the paper's gradient descent, or both; of both, the map takes the graph's
+    and keeps the other beside it."""
+    adam: AdamConfig = field(default_factory=AdamConfig)
+    """Settings of the paper's."""
+
+
+@dataclass
+class _Clock:
+    """Wall time by stage."""
+
+    seconds: dict[str, float] = field(default_factory=dict)
+
+    @contextmanager
+    def stage(self, name: str):
+        start = time.perf_counter()
+        try:
+            yield
+        finally:
+            self.seconds[name] = self.seconds.get(name, 0.0) + time.perf_counter() - start
+
+
+def map_scan(scan: Scan, config: MappingConfig | None = None, progress: Progress | None = None) -> ObjectMap:
+    """Map every object that the scan's masks name; an object that fails says why and stops no other.
+
+    The ground truth of the scan, if it has any, is not read.
+
+    Raises:
+        PriorError: one of the files of `config.priors` is no prior.
+    """
+    config = config or MappingConfig()
+    given = [load_prior_file(Path(path)) for path in config.priors]
+    find_prior = cache(partial(prior_for, given=given))  # one prior, and one warning, a category
+    tell = progress or (lambda what, done, total: None)
+    index = summarize(scan.frames, config.view, lambda done, total: tell("reading frames", done, total))
+    floor = scene_floor(scan)
+    entries = []
+    for i, instance in enumerate(scan.instances):
+        tell(f"mapping {instance.category} {instance.id}", i, len(scan.instances))
+        entries.append(map_instance(scan, instance, index, floor, config, find_prior))
+    tell("mapped", len(scan.instances), len(scan.instances))
+    return ObjectMap(scan.name, tuple(entries), scan.up_world)
+
+
+def map_instance(
+    scan: Scan,
+    instance: Instance,
+    index: ViewIndex,
+    floor: float | None,
+    config: MappingConfig,
+    find_prior: Callable[[str], ShapePrior] = prior_for,
+) -> MappedObject:
+    """Map one object of a scan; a failure is in the result, not raised.
+
+    `find_prior` gives the prior of a category; by default its own, or the labelled fallback.
+    """
+    clock = _Clock()
+    try:
+        prior = find_prior(instance.category)
+        with clock.stage("observe"):
+            views = observe_instance(scan.frames, instance, index, config)
+        return map_object(instance, prior, views, scan.up_world, floor, config, clock)
+    except ObjectGraphError as error:
+        log.warning("%s %d could not be mapped: %s", instance.category, instance.id, error)
+        return MappedObject(
+            instance.id, instance.category, "failed", str(error), seconds_by_stage=clock.seconds
+        )
+
+
+def map_object(
+    instance: Instance,
+    prior: ShapePrior,
+    views: Sequence[ObjectView],
+    up_world: Float[np.ndarray, "3"],
+    floor: float | None,
+    config: MappingConfig,
+    clock: _Clock | None = None,
+) -> MappedObject:
+    """Initialise, solve, and describe one object from its views.
+
+    Raises:
+        InitialisationError, SolveError, FactorError: the object cannot be mapped; the message says why.
+    """
+    clock = clock or _Clock()
+    with clock.stage("initialise"):
+        states = guesses(prior, views, up_world, floor, config.initialisation)
+        states, tried = rank(prior, views, states, up_world, floor, config.initialisation, config.graph)
+    name = f"{instance.category} {instance.id}"
+    task = EstimationTask(name, prior, tuple(states), tuple(views), up_world, floor)
+    with clock.stage("solve"):
+        first, *rest = _estimators(config)
+        estimate = _estimated(first, task)
+        other = _beside(rest[0], task) if rest else None
+    with clock.stage("mesh"):
+        entry = map_entry(instance, prior, estimate, views, config.mesh_resolution)
+    return replace(
+        entry,
+        estimator="adam" if config.estimator == "adam" else "graph",
+        other=other,
+        linearizations=estimate.linearizations + sum(p.linearizations for p in tried),
+        error_evaluations=estimate.error_evaluations + sum(p.error_evaluations for p in tried),
+        seconds=sum(clock.seconds.values()),
+        seconds_by_stage=clock.seconds,
+    )
+
+
+def _estimators(config: MappingConfig) -> list[Estimator]:
+    """The one whose estimate the map takes, then the one that stands beside it."""
+    graph, adam = GraphEstimator(config.graph, config.solver), AdamEstimator(config.adam)
+    return {"graph": [graph], "adam": [adam], "both": [graph, adam]}[config.estimator]
+
+
+def _estimated(estimator: Estimator, task: EstimationTask) -> Found:
+    (result,) = estimator.estimate([task])
+    if isinstance(result, SolveError):
+        raise result
+    return found(result, task.name)
+
+
+def _beside(estimator: Estimator, task: EstimationTask) -> OtherEstimate | None:
+    """The second estimate; where it fails the first one stands alone."""
+    try:
+        estimate = _estimated(estimator, task)
+    except SolveError as error:
+        log.warning("only one estimator succeeded: %s", error)
+        return None
+    state, covariance = estimate.state, estimate.covariance
+    return OtherEstimate(
+        covariance.source,
+        state.T_world_object.matrix(),
+        state.scale,
+        state.code,
+        covariance.rigid,
+        np.sqrt(np.diag(covariance.code)),
+    )
+
+
+def observe_instance(
+    frames: FrameSource, instance: Instance, index: ViewIndex, config: MappingConfig
+) -> list[ObjectView]:
+    """The views of an object by the selection rule; one that cannot be used is left out with a warning."""
+    views, reasons = [], []
+    for i in index.select(instance.id, config.views):
+        try:
+            views.append(observe(frames[i], instance.id, config.sampling, seed=config.seed + i))
+        except ObservationError as error:
+            log.warning("a view is left out: %s", error)
+            reasons.append(str(error))
+    if not views:
+        raise InitialisationError(f"{instance.category} {instance.id}: no view can be used: {reasons[0]}")
+    return views
+
+
+def scene_floor(scan: Scan, frames: int = 12, pixels: int = 4000) -> float | None:
+    """Height of the floor along the scan's up direction, from a few frames' depth; None where it is not seen."""
+    chosen = np.unique(np.linspace(0, len(scan.frames) - 1, min(frames, len(scan.frames))).astype(int))
+    return estimate_floor(scene_points(scan, chosen, pixels)[0], scan.up_world)
+
+
+def scene_points(
+    scan: Scan, frames: Sequence[int] | np.ndarray, pixels: int, seed: int = 0
+) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 3"] | None]:
+    """World points of some pixels of some frames, and their colours in 0..1 where the frames have any."""
+    rng = np.random.default_rng(seed)
+    points, colors = [], []
+    for i in frames:
+        frame = scan.frames[int(i)]
+        v, u = np.nonzero((frame.depth > 0) & np.isfinite(frame.depth) & (frame.depth < 8.0))
+        some = rng.permutation(len(v))[:pixels]
+        v, u = v[some], u[some]
+        p_camera = frame.intrinsics.backproject(u, v) * frame.depth[v, u, None]
+        T = frame.T_world_camera
+        points.append(p_camera @ T[:3, :3].T + T[:3, 3])
+        if frame.color is not None:
+            rows = np.minimum(v * frame.color.shape[0] // frame.intrinsics.height, frame.color.shape[0] - 1)
+            columns = np.minimum(u * frame.color.shape[1] // frame.intrinsics.width, frame.color.shape[1] - 1)
+            colors.append(frame.color[rows, columns] / 255.0)
+    whole = len(colors) == len(points)
+    return np.concatenate(points), np.concatenate(colors) if whole else None

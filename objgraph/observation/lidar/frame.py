@@ -1,0 +1,109 @@
+"""What a LiDAR and a detector say about a scene: one scan of points, boxes about objects, and maybe a picture."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from jaxtyping import Float, Int, UInt8
+
+from objgraph.errors import ObservationError
+from objgraph.geometry.boxes import OrientedBox
+from objgraph.observation.frames import Intrinsics
+
+
+@dataclass(frozen=True)
+class Detection:
+    """An object as a detector's box has it."""
+
+    id: int
+    """Its value in the masks, where there are any; from 1 on."""
+    category: str
+    T_world_object: Float[np.ndarray, "4 4"]
+    """Rigid: the box's middle, and its axes as the priors have them: y up, front at -z."""
+    size: Float[np.ndarray, "3"]
+    """Edges along the object's x (width), y (height) and z (length), metres."""
+    score: float | None = None
+
+    def __post_init__(self) -> None:
+        if not (np.isfinite(self.T_world_object).all() and np.isfinite(self.size).all()):
+            raise ObservationError(f"{self.name}: the detected box is not finite; leave it out")
+        if not (np.asarray(self.size) > 0).all():
+            raise ObservationError(f"{self.name}: the detected box has edges {self.size}; leave it out")
+
+    @property
+    def name(self) -> str:
+        return f"{self.category} {self.id}"
+
+    @property
+    def box(self) -> OrientedBox:
+        return OrientedBox(self.T_world_object[:3, 3], self.T_world_object[:3, :3], self.size)
+
+    def to_box(self, p_world: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
+        """World points in the box's own frame, metres."""
+        return (p_world - self.T_world_object[:3, 3]) @ self.T_world_object[:3, :3]
+
+    def outside(self, p_world: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n"]:
+        """How far points are outside of the box, along the axis where most; negative inside. Metres."""
+        return (np.abs(self.to_box(p_world)) - self.size / 2).max(axis=1)
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A camera's picture beside the scan."""
+
+    color: UInt8[np.ndarray, "h w 3"]
+    """RGB."""
+    intrinsics: Intrinsics
+    T_world_camera: Float[np.ndarray, "4 4"]
+    instances: Int[np.ndarray, "h w"] | None = None
+    """Id of the detection that a pixel shows; 0 where none. None where nobody segmented the picture."""
+
+    def __post_init__(self) -> None:
+        shape = (self.intrinsics.height, self.intrinsics.width)
+        for label, image in (("colour", self.color), ("instance", self.instances)):
+            if image is not None and image.shape[:2] != shape:
+                raise ObservationError(
+                    f"the {label} image is {image.shape[1]}x{image.shape[0]} pixels but the intrinsics are for "
+                    f"{shape[1]}x{shape[0]}"
+                )
+
+    def ids_at(self, p_world: Float[np.ndarray, "n 3"]) -> Int[np.ndarray, "n"]:
+        """The mask's id at each world point; -1 where the point is not in the picture or nobody segmented it."""
+        ids = np.full(len(p_world), -1)
+        if self.instances is None:
+            return ids
+        T = self.T_world_camera
+        p_camera = (p_world - T[:3, 3]) @ T[:3, :3]
+        ahead = np.flatnonzero(p_camera[:, 2] > 0.1)
+        u, v = np.round(self.intrinsics.project(p_camera[ahead])).T
+        inside = (u >= 0) & (u < self.intrinsics.width) & (v >= 0) & (v < self.intrinsics.height)
+        ids[ahead[inside]] = self.instances[v[inside].astype(int), u[inside].astype(int)]
+        return ids
+
+
+@dataclass(frozen=True)
+class LidarFrame:
+    """One scan of a LiDAR, and what a detector found in it."""
+
+    name: str
+    p_lidar: Float[np.ndarray, "n 3"]
+    """Returns in metres, in axes like a camera's: x right, y down, z ahead."""
+    T_world_lidar: Float[np.ndarray, "4 4"]
+    """LiDAR to world, rigid; rays begin at its origin."""
+    up_world: Float[np.ndarray, "3"]
+    """Unit vector against gravity, as far as it is known without looking at the road."""
+    detections: tuple[Detection, ...]
+    picture: Picture | None = None
+
+    @cached_property
+    def p_world(self) -> Float[np.ndarray, "n 3"]:
+        """The returns in the world; asked for once an object."""
+        return self.p_lidar @ self.T_world_lidar[:3, :3].T + self.T_world_lidar[:3, 3]
+
+    def detection(self, detection_id: int) -> Detection:
+        """Raises ObservationError where there is none of that id."""
+        for each in self.detections:
+            if each.id == detection_id:
+                return each
+        known = ", ".join(str(each.id) for each in self.detections) or "none"
+        raise ObservationError(f"frame {self.name}: no detection {detection_id}; there are: {known}")

@@ -1,0 +1,89 @@
+"""Shape priors by category or by file."""
+
+import logging
+from collections.abc import Sequence
+from pathlib import Path
+
+from objgraph.errors import PriorError
+from objgraph.priors.fallback import NAME, fallback_prior
+from objgraph.priors.shape_prior import ShapePrior
+from objgraph.priors.store import load_prior_file
+
+log = logging.getLogger(__name__)
+
+WEIGHTS = Path(__file__).parent / "weights"
+
+ALIASES = {
+    "armchair": "chair",
+    "office chair": "chair",
+    "office_chair": "chair",
+    "stool": "chair",
+    "03001627": "chair",
+    "desk": "table",
+    "coffee table": "table",
+    "coffee_table": "table",
+    "dining table": "table",
+    "dining_table": "table",
+    "04379243": "table",
+    "automobile": "car",
+    "sedan": "car",
+    "hatchback": "car",
+    "suv": "car",
+    "van": "car",
+    "minivan": "car",
+    "pickup": "car",
+    "pickup truck": "car",
+    "taxi": "car",
+    "02958343": "car",
+}
+"""Labels of common data sets (and ShapeNet's synset ids) that a shipped prior serves."""
+
+
+def available_priors() -> tuple[str, ...]:
+    """Categories whose priors ship with the library."""
+    return tuple(sorted(path.stem for path in WEIGHTS.glob("*.safetensors")))
+
+
+def load_prior(category_or_path: str | Path) -> ShapePrior:
+    """The prior of a category (or one of its aliases), or of a `.safetensors` file.
+
+    Raises:
+        PriorError: an unknown category (the message names those there are), or a file that is no prior.
+    """
+    path = Path(category_or_path)
+    if path.suffix == ".safetensors":
+        return load_prior_file(path)
+    name = str(category_or_path).strip().lower()
+    shipped = WEIGHTS / f"{ALIASES.get(name, name)}.safetensors"
+    if shipped.stem not in available_priors():
+        known = ", ".join(available_priors()) or "none is installed"
+        raise PriorError(
+            f"there is no shape prior for category {str(category_or_path)!r}; available: {known} "
+            f"(or give the path of a .safetensors file that `objgraph train` wrote)"
+        )
+    return load_prior_file(shipped)
+
+
+def prior_for(category: str, given: Sequence[ShapePrior] = ()) -> ShapePrior:
+    """The prior to map objects of a category with: one of those given, the shipped one, or the labelled fallback.
+
+    Unlike `load_prior`, which answers a request by name, this survives every category; a warning says what the
+    fallback lacks and how to do better.
+
+    Raises:
+        PriorError: the category's own file is damaged.
+    """
+    name = category.strip().lower()
+    for prior in given:
+        if prior.category.lower() in (name, ALIASES.get(name)):
+            return prior
+    if ALIASES.get(name, name) in available_priors():
+        return load_prior(category)
+    log.warning(
+        "no shape prior for category '%s': a %s stands in (priors: %s; `objgraph train` makes one from a folder of "
+        "meshes, `objgraph convert-prior` from a DeepSDF checkpoint)",
+        category,
+        NAME,
+        ", ".join(available_priors()) or "none is installed",
+    )
+    return fallback_prior(category)

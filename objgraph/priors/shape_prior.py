@@ -1,0 +1,86 @@
+"""A category's shape prior: decoder, distribution of codes, and what its training measured."""
+
+from contextlib import suppress
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from factors.rays import BOX_HALF_SIZE
+from factors.sdf_decoder import SdfDecoder
+from objgraph.errors import SolveError
+from objgraph.priors.mesh import extract_mesh
+from objgraph.priors.misfit import BoxMisfit
+
+_LOOSE = 1.15
+"""Times that a tight box is larger than the shapes': a decoder draws outside of it as well."""
+
+
+@dataclass(frozen=True)
+class ShapePrior:
+    """What the back-end knows of a category before it sees an object.
+
+    Canonical frame: y up, front at -z, bounding box centred (ShapeNetCore.v2's axes), its diagonal 1 or, with a
+    `box`, its edges those of the box.
+    """
+
+    category: str
+    decoder: SdfDecoder
+    code_mean: Float[np.ndarray, "l"]
+    code_covariance: Float[np.ndarray, "l l"]
+    """Empirical covariance of the training codes."""
+    residual_sigma: float
+    """Standard deviation of the decoder's SDF error near unseen surfaces, in canonical units."""
+    size_mean: float
+    """Typical diagonal of the object's bounding box, metres."""
+    size_log_sigma: float
+    """Standard deviation of the logarithm of that diagonal."""
+    card: dict[str, Any] = field(default_factory=dict)
+    """The model card: data, licences, frame, training settings, measured errors, hash."""
+    prototypes: Float[np.ndarray, "k l"] | None = None
+    """Codes of typical training shapes that differ: where a fit may start beside the mean."""
+    anisotropy_sigma: float | None = None
+    """Standard deviation of each axis' log-scale about their mean; None leaves it to the graph's settings."""
+    box: Float[np.ndarray, "3"] | None = None
+    """Edges of the box that every shape is stretched to in the decoder's frame (`BoxFrame`); None where the
+    decoder takes coordinates of diagonal 1 as they are."""
+    box_misfit: BoxMisfit = field(default_factory=BoxMisfit)
+    """How far boxes of real objects lie from those that its shapes have."""
+    surface_misfit: float = 1.0
+    """Factor on the variances that marginals give the surface of real objects; one where nothing was measured."""
+
+    @property
+    def is_fallback(self) -> bool:
+        """Whether it only stands in for a category of which no shapes were learnt."""
+        return "fallback" in self.card
+
+    @property
+    def feet(self) -> float | None:
+        """Canonical distance from an object's centre down to its feet; None where shapes have no common box, or the
+        card says that such objects need not stand on the floor (`stands`)."""
+        return float(self.box[1]) / 2 if self.box is not None and self.card.get("stands", True) else None
+
+    def half_box(self, tight: bool) -> float | Float[np.ndarray, "3"]:
+        """Half the edges of the canonical box to look for an object's surface in: a cube that holds any shape or, where
+        `tight` and all shapes fill one box, that one and some more."""
+        return _LOOSE * self.box / 2 if tight and self.box is not None else BOX_HALF_SIZE
+
+    @cached_property
+    def starts(self) -> Float[np.ndarray, "k l"]:
+        """The mean code, then the prototypes."""
+        mean = np.asarray(self.code_mean, float)[None]
+        return mean if self.prototypes is None else np.concatenate([mean, self.prototypes])
+
+    @cached_property
+    def start_extents(self) -> Float[np.ndarray, "k 3"]:
+        """Canonical extents of the shapes of `starts`: the box's where all fill one, whatever a mesh of theirs lacks; NaN
+        where a code has no surface."""
+        if self.box is not None:
+            return np.tile(np.asarray(self.box, float), (len(self.starts), 1))
+        extents = np.full((len(self.starts), 3), np.nan)
+        for i, code in enumerate(self.starts):
+            with suppress(SolveError):
+                extents[i] = extract_mesh(self.decoder, code, resolution=32).extents
+        return extents

@@ -1,0 +1,160 @@
+"""A shape prior as one safetensors file: weights and code statistics as tensors, the model card as JSON."""
+
+import hashlib
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from factors.decoder import Decoder, DecoderConfig
+from factors.deepsdf import DeepSdfConfig, DeepSdfDecoder
+from factors.errors import FactorError
+from factors.sdf_decoder import SdfDecoder
+from factors.superquadric import Superquadric, SuperquadricConfig
+from objgraph.errors import PriorError
+from objgraph.priors.misfit import BoxMisfit
+from objgraph.priors.shape_prior import ShapePrior
+from objgraph.priors.tensors import load_tensors, save_tensors
+
+FORMAT = "objgraph-prior-1"
+FRAME = "y up, front at -z, bounding box centred (ShapeNetCore.v2's axes)"
+SCALE = "bounding-box diagonal 1; distances in the same unit, negative inside"
+BOX_SCALE = "every shape stretched to one box (tensor `box`); distances before the stretch, in box diagonals"
+
+
+def save_prior(prior: ShapePrior, path: Path) -> None:
+    """Write a prior atomically, with the hash of its tensors in the card."""
+    tensors = {f"decoder.{name}": value for name, value in prior.decoder.state_dict().items()}
+    tensors["code_mean"] = torch.from_numpy(np.asarray(prior.code_mean, np.float64))
+    tensors["code_covariance"] = torch.from_numpy(np.asarray(prior.code_covariance, np.float64))
+    if prior.prototypes is not None:
+        tensors["prototypes"] = torch.from_numpy(np.asarray(prior.prototypes, np.float64))
+    if prior.box is not None:
+        tensors["box"] = torch.from_numpy(np.asarray(prior.box, np.float64))
+    header = {
+        "format": FORMAT,
+        "category": prior.category,
+        "frame": FRAME,
+        "scale": SCALE if prior.box is None else BOX_SCALE,
+        "decoder": _decoder_header(prior.decoder),
+        "residual_sigma": prior.residual_sigma,
+        "size_mean": prior.size_mean,
+        "size_log_sigma": prior.size_log_sigma,
+        **({} if prior.anisotropy_sigma is None else {"anisotropy_sigma": prior.anisotropy_sigma}),
+        "box_misfit": asdict(prior.box_misfit),
+        "surface_misfit": prior.surface_misfit,
+        "sha256": digest(tensors),
+        "card": {k: v for k, v in prior.card.items() if k not in _HEADER},
+    }
+    save_tensors(tensors, header, path)
+
+
+def load_prior_file(path: Path) -> ShapePrior:
+    """Read a prior; the card it gets back holds the header's entries too.
+
+    Raises:
+        PriorError: the file is missing, truncated, damaged, or no prior; the message names it.
+    """
+    tensors, header = load_tensors(path)
+    if header.get("format") != FORMAT:
+        raise PriorError(
+            f"{path} is no shape prior of this library (format {header.get('format')!r}, not {FORMAT!r})"
+        )
+    if digest(tensors) != header.get("sha256"):
+        raise PriorError(f"{path} is damaged: its tensors do not have the hash that its card gives")
+    try:
+        decoder = _decoder_of(header["decoder"])
+        prefix = "decoder."
+        decoder.load_state_dict(
+            {k.removeprefix(prefix): v for k, v in tensors.items() if k.startswith(prefix)}
+        )
+        mean, covariance = tensors["code_mean"].numpy(), tensors["code_covariance"].numpy()
+        prototypes = tensors["prototypes"].numpy() if "prototypes" in tensors else None
+        box = tensors["box"].numpy() if "box" in tensors else None
+        numbers = [float(header[key]) for key in ("residual_sigma", "size_mean", "size_log_sigma")]
+        anisotropy = float(header["anisotropy_sigma"]) if "anisotropy_sigma" in header else None
+        misfit = BoxMisfit(**{key: float(value) for key, value in dict(header.get("box_misfit", {})).items()})
+        surface_misfit = float(header.get("surface_misfit", 1.0))
+        card = {**header["card"], **{key: header[key] for key in _HEADER}}
+        category = str(header["category"])
+    except (KeyError, TypeError, ValueError, RuntimeError, FactorError) as error:
+        raise PriorError(f"{path} is no usable shape prior: {error}") from error
+    length = decoder.code_length
+    fit = mean.shape == (length,) and covariance.shape == (length, length)
+    if box is not None and (box.shape != (3,) or not (box > 0).all()):
+        raise PriorError(f"{path}: the box {box} is not three positive edges")
+    if not fit or (prototypes is not None and prototypes.shape[1:] != (length,)):
+        raise PriorError(
+            f"{path}: code statistics of shapes {mean.shape} and {covariance.shape} do not fit a decoder of "
+            f"{length}-dimensional codes"
+        )
+    arrays = [
+        mean,
+        covariance,
+        *([] if prototypes is None else [prototypes]),
+        *([] if box is None else [box]),
+        numbers,
+        [] if anisotropy is None else [anisotropy],
+        [*asdict(misfit).values(), surface_misfit],
+        *(value.numpy() for value in decoder.state_dict().values()),
+    ]
+    if not all(np.isfinite(array).all() for array in arrays):
+        raise PriorError(f"{path}: a weight or statistic is not finite")
+    if surface_misfit <= 0:
+        raise PriorError(f"{path}: the factor on its surfaces' variances is {surface_misfit}, not positive")
+    decoder.requires_grad_(False).eval()
+    return ShapePrior(
+        category,
+        decoder,
+        mean,
+        covariance,
+        *numbers,
+        card=card,
+        prototypes=prototypes,
+        anisotropy_sigma=anisotropy,
+        box=box,
+        box_misfit=misfit,
+        surface_misfit=surface_misfit,
+    )
+
+
+def _decoder_header(decoder: SdfDecoder) -> dict[str, Any]:
+    """The decoder's kind and configuration."""
+    for kind, (network, _) in _DECODERS.items():
+        if isinstance(decoder, network):
+            return {"kind": kind, **asdict(decoder.config)}
+    raise PriorError(f"a {type(decoder).__name__} cannot be saved; known are {', '.join(_DECODERS)}")
+
+
+def _decoder_of(header: dict[str, Any]) -> SdfDecoder:
+    """The decoder, with weights of its own, that a header describes; a header without a kind is of the first."""
+    kind, *_ = _DECODERS
+    settings = {key: tuple(v) if isinstance(v, list) else v for key, v in header.items() if key != "kind"}
+    network, config = _DECODERS[header.get("kind", kind)]
+    return network(config(**settings))
+
+
+def digest(tensors: dict[str, Tensor]) -> str:
+    """SHA-256 over names, shapes and bytes, in the names' order."""
+    sha = hashlib.sha256()
+    for name in sorted(tensors):
+        value = tensors[name].detach().contiguous().cpu().numpy()
+        sha.update(f"{name} {value.dtype} {value.shape}".encode())
+        sha.update(value.tobytes())
+    return sha.hexdigest()
+
+
+def card_of(path: Path) -> dict[str, Any]:
+    """The model card of a prior's file."""
+    return load_prior_file(path).card
+
+
+_DECODERS = {
+    "smooth": (Decoder, DecoderConfig),
+    "deepsdf": (DeepSdfDecoder, DeepSdfConfig),
+    "superquadric": (Superquadric, SuperquadricConfig),
+}
+_HEADER = ("format", "frame", "scale", "decoder", "sha256")

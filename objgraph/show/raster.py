@@ -1,0 +1,177 @@
+"""A small software renderer: shaded meshes by ray casting, points by splatting; needs no display and no GPU."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import open3d as o3d
+from jaxtyping import Bool, Float, Int
+
+from objgraph.observation.frames import Intrinsics
+
+_AMBIENT = 0.5
+"""Share of a surface's colour that does not depend on where it faces."""
+_CREASE = 0.8
+"""Cosine between a triangle's and its vertices' normals below which the triangle is shaded flat."""
+
+
+@dataclass(frozen=True)
+class Camera:
+    """Where a picture is taken from."""
+
+    intrinsics: Intrinsics
+    T_world_camera: Float[np.ndarray, "4 4"]
+    """OpenCV's axes: x right, y down, z forward."""
+
+
+@dataclass(frozen=True)
+class Surface:
+    """A coloured mesh in the world frame."""
+
+    vertices: Float[np.ndarray, "v 3"]
+    faces: Int[np.ndarray, "f 3"]
+    colors: Float[np.ndarray, "v 3"]
+    """RGB in 0..1."""
+
+
+@dataclass(frozen=True)
+class Layer:
+    """What one pass of the renderer drew."""
+
+    color: Float[np.ndarray, "h w 3"]
+    """RGB in 0..1; 0 where nothing was drawn."""
+    depth: Float[np.ndarray, "h w"]
+    """z-depth in metres; infinite where nothing was drawn."""
+
+
+def look_at(
+    eye: Float[np.ndarray, "3"],
+    target: Float[np.ndarray, "3"],
+    up: Float[np.ndarray, "3"],
+    intrinsics: Intrinsics,
+) -> Camera:
+    """The camera at `eye` that looks at `target`, upright with respect to `up`; straight down is allowed."""
+    forward = (target - eye) / np.linalg.norm(target - eye)
+    right = np.cross(forward, up)
+    if np.linalg.norm(right) < 1e-6:
+        right = np.cross(forward, np.eye(3)[np.argmin(np.abs(forward))])
+    right = right / np.linalg.norm(right)
+    T = np.eye(4)
+    T[:3, :3] = np.stack([right, np.cross(forward, right), forward], axis=1)
+    T[:3, 3] = eye
+    return Camera(intrinsics, T)
+
+
+def project(camera: Camera, p_world: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
+    """Pixel coordinates and z-depth (u, v, z); what is behind the camera has z <= 0 and no meaning in u, v."""
+    R, t = camera.T_world_camera[:3, :3], camera.T_world_camera[:3, 3]
+    p_camera = (p_world - t) @ R
+    safe = np.where(p_camera[:, 2:] > 1e-6, p_camera[:, 2:], 1.0)
+    uv = camera.intrinsics.project(np.concatenate([p_camera[:, :2], safe], axis=1))
+    return np.concatenate([uv, p_camera[:, 2:]], axis=1)
+
+
+def draw_surfaces(camera: Camera, surfaces: Sequence[Surface]) -> Layer:
+    """Meshes with smooth normals and Lambert shading by a lamp above the camera's left shoulder."""
+    shape = (camera.intrinsics.height, camera.intrinsics.width)
+    color, depth = np.zeros((*shape, 3)), np.full(shape, np.inf)
+    if not surfaces:
+        return Layer(color, depth)
+    vertices, faces, colors = _joined(surfaces)
+    directions = _directions(camera)
+    eye = np.broadcast_to(camera.T_world_camera[:3, 3], directions.shape)
+    scene = o3d.t.geometry.RaycastingScene(nthreads=1)
+    scene.add_triangles(vertices.astype(np.float32), faces.astype(np.uint32))
+    hits = scene.cast_rays(o3d.core.Tensor(np.concatenate([eye, directions], -1).astype(np.float32)))
+    hit = hits["t_hit"].numpy()  # directions have z = 1 in the camera frame, so this is z-depth
+    seen = np.isfinite(hit)
+    corners = faces[hits["primitive_ids"].numpy()[seen]]
+    uv = hits["primitive_uvs"].numpy()[seen].astype(float)
+    weights = np.stack([1 - uv.sum(-1), uv[:, 0], uv[:, 1]], axis=-1)[..., None]
+    flat = hits["primitive_normals"].numpy()[seen].astype(float)
+    smooth = _unit((_vertex_normals(vertices, faces)[corners] * weights).sum(axis=1))
+    creased = np.abs((flat * smooth).sum(axis=1)) < _CREASE
+    normals = np.where(creased[:, None], flat, smooth)
+    shade = _lambert(camera, normals, directions[seen])
+    color[seen] = (colors[corners] * weights).sum(axis=1) * shade[:, None]
+    depth[seen] = hit[seen]
+    return Layer(color.clip(0, 1), depth)
+
+
+def draw_points(
+    camera: Camera, p_world: Float[np.ndarray, "n 3"], colors: Float[np.ndarray, "n 3"], radius: float
+) -> Layer:
+    """Points as discs of `radius` metres (at least one pixel, at most 9 across); the nearest is seen."""
+    height, width = camera.intrinsics.height, camera.intrinsics.width
+    color, depth = np.zeros((height * width, 3)), np.full(height * width, np.inf)
+    uvz = project(camera, p_world)
+    kept = uvz[:, 2] > 0.05
+    uvz, colors = uvz[kept], colors[kept]
+    order = np.argsort(-uvz[:, 2])  # far ones first, so that near ones are written over them
+    uvz, colors = uvz[order], colors[order]
+    pixels = np.clip(radius * camera.intrinsics.fx / uvz[:, 2], 0.5, 4.5)
+    near = np.full(height * width, np.inf)
+    for du, dv in _disc(4):
+        chosen = pixels >= np.hypot(du, dv)
+        u, v = np.round(uvz[chosen, 0] + du).astype(int), np.round(uvz[chosen, 1] + dv).astype(int)
+        inside = (u >= 0) & (u < width) & (v >= 0) & (v < height)
+        index, z = (v * width + u)[inside], uvz[chosen, 2][inside]
+        near[index] = z
+        front = near[index] == z
+        front &= z < depth[index]
+        depth[index[front]] = z[front]
+        color[index[front]] = colors[chosen][inside][front]
+    return Layer(color.reshape(height, width, 3), depth.reshape(height, width))
+
+
+def compose(
+    points: Layer, surfaces: Layer, background: Float[np.ndarray, "3"], bias: float
+) -> tuple[Float[np.ndarray, "h w 3"], Bool[np.ndarray, "h w"]]:
+    """The picture and where a surface shows: it wins over points up to `bias` metres in front of it."""
+    picture = np.where(np.isfinite(points.depth)[..., None], points.color, background)
+    shows = np.isfinite(surfaces.depth) & (surfaces.depth < points.depth + bias)
+    return np.where(shows[..., None], surfaces.color, picture), shows
+
+
+def _joined(surfaces: Sequence[Surface]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    starts = np.cumsum([0] + [len(s.vertices) for s in surfaces[:-1]])
+    faces = [s.faces + start for s, start in zip(surfaces, starts, strict=True)]
+    return (
+        np.concatenate([s.vertices for s in surfaces]),
+        np.concatenate(faces),
+        np.concatenate([s.colors for s in surfaces]),
+    )
+
+
+def _directions(camera: Camera) -> Float[np.ndarray, "h w 3"]:
+    v, u = np.mgrid[: camera.intrinsics.height, : camera.intrinsics.width]
+    return camera.intrinsics.backproject(u, v) @ camera.T_world_camera[:3, :3].T
+
+
+def _vertex_normals(
+    vertices: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"]
+) -> Float[np.ndarray, "v 3"]:
+    a, b, c = (vertices[faces[:, i]] for i in range(3))
+    areas = np.cross(b - a, c - a)
+    normals = np.zeros_like(vertices)
+    for i in range(3):
+        np.add.at(normals, faces[:, i], areas)
+    return _unit(normals)
+
+
+def _unit(rows: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
+    return rows / np.linalg.norm(rows, axis=1, keepdims=True).clip(min=1e-12)
+
+
+def _lambert(
+    camera: Camera, normals: Float[np.ndarray, "n 3"], directions: Float[np.ndarray, "n 3"]
+) -> Float[np.ndarray, "n"]:
+    lamp = camera.T_world_camera[:3, :3] @ np.array([-0.35, -0.75, -0.9])
+    lamp /= np.linalg.norm(lamp)
+    facing = np.where((normals * directions).sum(axis=1) > 0, -1.0, 1.0)
+    return _AMBIENT + (1 - _AMBIENT) * np.clip(facing * (normals @ lamp), 0, 1)
+
+
+def _disc(radius: int) -> list[tuple[int, int]]:
+    span = range(-radius, radius + 1)
+    return [(du, dv) for du in span for dv in span if np.hypot(du, dv) <= radius + 0.5]

@@ -1,0 +1,149 @@
+"""A mapped scan as a picture: from above with boxes and ellipses of uncertainty, and the outlines in the camera's image."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import cv2
+import numpy as np
+from jaxtyping import Float, UInt8
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Polygon
+from scipy.spatial import ConvexHull
+
+from objgraph.errors import MapError
+from objgraph.geometry.boxes import OrientedBox
+from objgraph.maps.colors import COLORS
+from objgraph.maps.mapped_object import MappedObject
+from objgraph.maps.object_map import ObjectMap
+from objgraph.observation.lidar.frame import LidarFrame, Picture
+from objgraph.show.figure import finish
+from objgraph.show.raster import Camera, Surface, draw_surfaces
+
+_MAGNIFIED = 5.0
+"""Times that an ellipse is drawn larger than it is: they measure centimetres."""
+_AROUND = 5.0
+"""Metres about the objects that are shown from above."""
+_FOOTPRINT = np.array([[-1, -1], [-1, 1], [1, 1], [1, -1]]) / 2
+
+
+def street_picture(
+    object_map: ObjectMap, frame: LidarFrame, path: Path, labels: Sequence[OrientedBox] = ()
+) -> None:
+    """Write a PNG of a mapped scan; `labels` are boxes to compare with.
+
+    Raises:
+        MapError: a mapped object has no mesh or no joint covariance.
+    """
+    low, high = _reach(frame)
+    heights = [float(np.clip((high - low)[1] / (high - low)[0], 0.25, 0.8))]
+    if frame.picture is not None:
+        heights.append(frame.picture.intrinsics.height / frame.picture.intrinsics.width)
+    figure = Figure(figsize=(12, 1.2 + 11 * sum(heights)), dpi=100, layout="compressed")
+    axes = figure.subplots(len(heights), 1, squeeze=False, height_ratios=heights)[:, 0]
+    _from_above(axes[0], object_map, frame, labels)
+    axes[0].set_xlim(low[0], high[0])
+    axes[0].set_ylim(low[1], high[1])
+    if frame.picture is not None:
+        axes[1].imshow(outlined(object_map, frame.picture))
+        axes[1].set_axis_off()
+    count = f"{len(object_map.mapped)} of {len(object_map.objects)} objects mapped"
+    figure.suptitle(f"{object_map.scene}: {count}", fontsize=13, weight="bold")
+    finish(figure, None, None, path)
+
+
+def outlined(object_map: ObjectMap, picture: Picture) -> UInt8[np.ndarray, "h w 3"]:
+    """The camera's image with the silhouette of every mesh."""
+    image = picture.color.copy()
+    camera = Camera(picture.intrinsics, picture.T_world_camera)
+    for i, entry in enumerate(object_map.mapped):
+        shown = np.isfinite(draw_surfaces(camera, [_surface(entry)]).depth).astype(np.uint8)
+        contours, _ = cv2.findContours(shown, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+        cv2.drawContours(image, contours, -1, _rgb(i), 2, cv2.LINE_AA)
+    return image
+
+
+def _from_above(axis: Axes, object_map: ObjectMap, frame: LidarFrame, labels: Sequence[OrientedBox]) -> None:
+    """Ahead is to the right, so that a street fits the page."""
+    level = _level(frame)
+    axis.plot(*(frame.p_world @ level).T, ",", color="0.6", zorder=0)
+    for box in labels:
+        axis.add_patch(_outline(box, level, edgecolor="black", linestyle=":", zorder=4))
+    for each in frame.detections:
+        axis.add_patch(_outline(each.box, level, edgecolor="0.35", linestyle="--", zorder=2))
+    for i, entry in enumerate(object_map.mapped):
+        _object_from_above(axis, entry, level, COLORS[i % len(COLORS)])
+    axis.set_aspect("equal")
+    axis.set_xlabel("ahead of the LiDAR (m)")
+    axis.set_ylabel("to its left (m)")
+    handles = [
+        Line2D([], [], color="0.35", linestyle="--", label="detection"),
+        Line2D([], [], color=COLORS[0], label="estimate: box, footprint"),
+        Line2D(
+            [],
+            [],
+            color=COLORS[0],
+            lw=2.5,
+            label=f"95 % ellipse of its middle, {_MAGNIFIED:.0f} times as large",
+        ),
+    ]
+    if labels:
+        handles.append(Line2D([], [], color="black", linestyle=":", label="label"))
+    axis.legend(handles=handles, loc="upper left", fontsize=8)
+
+
+def _level(frame: LidarFrame) -> Float[np.ndarray, "3 2"]:
+    """Ahead and left in the world."""
+    return np.stack([frame.T_world_lidar[:3, 2], -frame.T_world_lidar[:3, 0]], axis=1)
+
+
+def _reach(frame: LidarFrame) -> tuple[Float[np.ndarray, "2"], Float[np.ndarray, "2"]]:
+    """Lower and upper corner of what is shown from above."""
+    if not frame.detections:
+        return np.array([0.0, -15.0]), np.array([40.0, 15.0])
+    places = np.stack([each.T_world_object[:3, 3] for each in frame.detections]) @ _level(frame)
+    return places.min(axis=0) - _AROUND, places.max(axis=0) + _AROUND
+
+
+def _object_from_above(axis: Axes, entry: MappedObject, level: Float[np.ndarray, "3 2"], color: str) -> None:
+    surface, T = _surface(entry), entry.state.T_world_object.matrix()
+    vertices = surface.vertices
+    footprint = vertices @ level
+    hull = footprint[ConvexHull(footprint).vertices]
+    axis.add_patch(Polygon(hull, facecolor=color, alpha=0.25, zorder=1))
+    box = OrientedBox.about(vertices, T[:3, :3])
+    axis.add_patch(_outline(box, level, edgecolor=color, zorder=3))
+    through = level.T @ T[:3, :3]
+    known = entry.uncertainty.block("translation")
+    values, vectors = np.linalg.eigh(through @ known.matrix @ through.T)
+    turn = np.linspace(0, 2 * np.pi, 60)
+    radii = _MAGNIFIED * np.sqrt(5.991 * values.clip(min=0.0))  # chi-squared of two dimensions at 95 %
+    ellipse = (np.column_stack([np.cos(turn), np.sin(turn)]) * radii) @ vectors.T
+    axis.plot(*(box.centre @ level + ellipse).T, color=color, lw=2.5, zorder=5)
+    u, v = box.centre @ level
+    axis.annotate(
+        f"{entry.category} {entry.id}",
+        (u, v),
+        xytext=(0, 16),
+        textcoords="offset points",
+        fontsize=8,
+    )
+
+
+def _surface(entry: MappedObject) -> Surface:
+    if entry.vertices is None or entry.faces is None:
+        raise MapError(f"{entry.category} {entry.id} has no mesh to draw")
+    return Surface(entry.vertices, entry.faces, np.ones((len(entry.vertices), 3)))
+
+
+def _outline(box: OrientedBox, level: Float[np.ndarray, "3 2"], **style) -> Polygon:
+    across = np.zeros((4, 3))
+    across[:, [0, 2]] = _FOOTPRINT * box.extents[[0, 2]]
+    corners = box.centre + across @ box.rotation.T
+    return Polygon(corners @ level, fill=False, **style)
+
+
+def _rgb(i: int) -> tuple[int, int, int]:
+    code = COLORS[i % len(COLORS)]
+    return int(code[1:3], 16), int(code[3:5], 16), int(code[5:7], 16)

@@ -1,0 +1,77 @@
+"""What odometry says of a new camera: where it is, how surely, and the factor that says so."""
+
+from dataclasses import dataclass
+
+import gtsam
+import numpy as np
+from jaxtyping import Float
+
+from objgraph.slam.incremental.config import IncrementalConfig
+from objgraph.slam.odometry import OdometryNoise
+
+
+@dataclass(frozen=True)
+class Motion:
+    """From the last camera of the map to the new one."""
+
+    odometry: gtsam.Pose3
+    """The odometry's own pose of the new camera."""
+    predicted: gtsam.Pose3
+    """T_world_camera of the new camera in the map."""
+    factor: gtsam.NonlinearFactor
+    known: tuple[int, ...] = ()
+    """The last camera's key; empty for the first frame."""
+    T_previous_current: gtsam.Pose3 | None = None
+    covariance: Float[np.ndarray, "6 6"] | None = None
+    """Of the motion, in the new camera's frame."""
+
+    def with_camera(self, joint: Float[np.ndarray, "d d"]) -> Float[np.ndarray, "d d"]:
+        """The joint covariance with the last camera, whose 6 are the last rows, becomes that with the new camera."""
+        if self.T_previous_current is None or self.covariance is None:
+            return joint
+        carry = np.eye(len(joint))
+        carry[-6:, -6:] = self.T_previous_current.inverse().AdjointMap()
+        moved = carry @ joint @ carry.T
+        moved[-6:, -6:] += self.covariance
+        return moved
+
+
+def anchored(camera: int, odometry: gtsam.Pose3, config: IncrementalConfig) -> Motion:
+    """The first camera: the map begins where the odometry does."""
+    sigmas = np.repeat([config.anchor_rotation, config.anchor_translation], 3)
+    factor = gtsam.PriorFactorPose3(camera, odometry, gtsam.noiseModel.Diagonal.Sigmas(sigmas))
+    return Motion(odometry, odometry, factor)
+
+
+def moved(
+    previous: int,
+    camera: int,
+    T_world_previous: gtsam.Pose3,
+    before: gtsam.Pose3,
+    now: gtsam.Pose3,
+    noise: OdometryNoise,
+) -> Motion:
+    """A further camera: `before` and `now` are the odometry's poses, `T_world_previous` the map's."""
+    T_previous_current = before.between(now)
+    model = noise.model(T_previous_current)
+    factor = gtsam.BetweenFactorPose3(previous, camera, T_previous_current, model)
+    predicted = T_world_previous.compose(T_previous_current)
+    return Motion(now, predicted, factor, (previous,), T_previous_current, np.diag(model.sigmas() ** 2))
+
+
+def relative_covariance(
+    joint: Float[np.ndarray, "d d"], T_world_first: gtsam.Pose3, motion: Motion
+) -> Float[np.ndarray, "6 6"]:
+    """Covariance of the new camera's pose as seen from an earlier one, in the new camera's frame.
+
+    `joint` is that of the earlier camera and the last one, of 6 rows where they are the same.
+    """
+    if motion.T_previous_current is None or motion.covariance is None:
+        return np.zeros((6, 6))
+    if len(joint) == 6:
+        return motion.covariance
+    carried = motion.with_camera(joint)
+    # the first camera's error moves the new one rigidly with it: what is left is between them
+    T_new_first = motion.predicted.between(T_world_first)
+    between = np.hstack([-T_new_first.AdjointMap(), np.eye(6)])
+    return between @ carried @ between.T

@@ -1,0 +1,89 @@
+"""Objects that have been seen but not often enough to enter the map."""
+
+import itertools
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import gtsam
+import numpy as np
+from jaxtyping import Float
+from scipy.linalg import block_diag
+
+from objgraph.errors import ObjectGraphError, SolveError
+from objgraph.estimate.graph import GraphEstimator
+from objgraph.estimate.task import Estimate, EstimationTask
+from objgraph.graph.initialise import guesses, rank
+from objgraph.observation.sampling import ObjectView
+from objgraph.priors.shape_prior import ShapePrior
+from objgraph.slam.association import MappedCandidate
+from objgraph.slam.incremental.config import IncrementalConfig
+
+
+@dataclass
+class PendingObject:
+    """What is known of an object before it enters: its views, each from a camera of the map, and a first estimate."""
+
+    index: int
+    """Of its keys."""
+    name: str
+    prior: ShapePrior
+    estimate: Estimate
+    last_seen: int
+    """Number of the frame."""
+    views: list[tuple[int, ObjectView]] = field(default_factory=list)
+    """Camera keys and views."""
+
+    def see(self, camera: int, view: ObjectView, number: int) -> None:
+        """One more view, in the frame of this number."""
+        self.views.append((camera, view))
+        self.last_seen = number
+
+    def candidate(self, camera: Callable[[], Float[np.ndarray, "6 6"]] | None = None) -> MappedCandidate:
+        """What association needs; `camera` gives the covariance of the new camera's pose in the first view's frame."""
+        assert self.estimate.covariance is not None
+        own, prior = self.estimate.covariance.matrix, self.prior
+        return MappedCandidate(
+            self.name, prior.category, prior.decoder, self.estimate.state,
+            lambda: own if camera is None else np.asarray(block_diag(own, camera())), prior.residual_sigma,
+        )  # fmt: skip
+
+    def is_ripe(self, cameras: dict[int, gtsam.Pose3], config: IncrementalConfig) -> bool:
+        """Whether it was seen often enough, and from directions that differ enough."""
+        if len(self.views) < config.views_to_enter:
+            return False
+        centre = self.estimate.state.T_world_object.translation()
+        towards = [cameras[key].translation() - centre for key, _ in self.views]
+        return config.views_to_enter == 1 or any(
+            _angle(a, b) > config.baseline for a, b in itertools.combinations(towards, 2)
+        )
+
+
+def first_estimate(
+    name: str,
+    prior: ShapePrior,
+    views: list[ObjectView],
+    up_world: Float[np.ndarray, "3"],
+    floor: float | None,
+    config: IncrementalConfig,
+) -> Estimate:
+    """Place an object by its views at known cameras and solve it alone, roughly where it has one view.
+
+    Raises:
+        InitialisationError, SolveError: it cannot be placed; the message says why.
+    """
+    states = guesses(prior, views, up_world, floor, config.initialisation)
+    starts, _ = rank(prior, views, states, up_world, floor, config.initialisation, config.graph)
+    rough = len(views) < config.views_to_enter
+    task = EstimationTask(name, prior, tuple(starts[:1] if rough else starts), tuple(views), up_world, floor)
+    (result,) = GraphEstimator(config.graph, config.rough if rough else config.start, turns=None).estimate(
+        [task]
+    )
+    if isinstance(result, ObjectGraphError):
+        raise result
+    if result.covariance is None:
+        raise SolveError(f"{name}: its estimate has no covariance")
+    return result
+
+
+def _angle(a: Float[np.ndarray, "3"], b: Float[np.ndarray, "3"]) -> float:
+    return float(np.arctan2(np.linalg.norm(np.cross(a, b)), a @ b))

@@ -1,0 +1,341 @@
+"""The incremental map itself: cameras and tracked objects in one smoother, and how they enter, are renewed and merge."""
+
+from collections.abc import Iterable, Sequence
+
+import gtsam
+import numpy as np
+from gtsam.symbol_shorthand import X
+from jaxtyping import Float
+
+from factors.linearized import carried_along
+from factors.state import ObjectState
+from objgraph.errors import SolveError
+from objgraph.graph.builder import box_factor, floor_factor, state_priors, view_factors
+from objgraph.graph.object_graph import ObjectGraph
+from objgraph.graph.single_object import single_object
+from objgraph.graph.solve import solve
+from objgraph.observation.sampling import ObjectView
+from objgraph.slam.incremental.config import IncrementalConfig, Tolerance
+from objgraph.slam.incremental.local import at_optimum, settled, solved
+from objgraph.slam.incremental.smoother import Smoother
+from objgraph.slam.incremental.tracked import (
+    Observation,
+    TrackedObject,
+    freeze,
+    linearize,
+    linearize_frozen,
+)
+
+_RESOLVED = 12
+"""Views at most with which an object is solved again."""
+
+Placed = tuple[int, ObjectView]
+"""A camera's key, and a view from there."""
+
+
+class IncrementalSystem:
+    """Each observation is in the smoother as the quadratic of its two factors about a linearisation point."""
+
+    def __init__(
+        self, config: IncrementalConfig, up_world: Float[np.ndarray, "3"], floor: float | None
+    ) -> None:
+        self.config, self.up_world, self.floor = config, up_world, floor
+        self.smoother = Smoother(config.lag)
+        self.objects: list[TrackedObject] = []
+        self.cameras: dict[int, str] = {}
+        """Keys, oldest first, and the names of their frames."""
+        self._others: list[gtsam.NonlinearFactor] = []
+
+    @property
+    def slope(self) -> float:
+        """Occupancy slope at which observations are linearised, 1/metres."""
+        return self.config.tracking.slopes[-1]
+
+    def pose(self, key: int) -> gtsam.Pose3:
+        return self.smoother.pose(key)
+
+    def state(self, entry: TrackedObject) -> ObjectState:
+        keys, smoother = entry.keys, self.smoother
+        return ObjectState(
+            smoother.pose(keys.pose), smoother.vector(keys.log_scale), smoother.vector(keys.code)
+        )
+
+    def observations(self, entry: TrackedObject, placed: Iterable[Placed]) -> list[Observation]:
+        """New observations of an object, not yet in the smoother."""
+        graph = self.config.graph
+        return [
+            Observation(view_factors(entry.prior, entry.keys, view, camera, graph), view)
+            for camera, view in placed
+        ]
+
+    def unseen(self, entry: TrackedObject) -> list[Observation]:
+        """What is known of a new object beside its views: of its box, and of the floor where that is known."""
+        graph = self.config.graph
+        known = [
+            Observation([factor], None, of_prior=True)
+            for factor in box_factor(entry.prior, entry.keys, graph)
+        ]
+        if self.floor is not None:
+            floor = floor_factor(entry.prior, entry.keys, self.up_world, self.floor, graph)
+            known.append(Observation([floor], None))
+        return known
+
+    def solved(
+        self,
+        entries: Sequence[TrackedObject],
+        cameras: Sequence[int],
+        observations: Sequence[Observation],
+        values: gtsam.Values,
+        factors: Sequence[gtsam.NonlinearFactor] = (),
+    ) -> gtsam.Values:
+        """Objects and cameras by what the map says of them and by observations that it does not hold yet.
+
+        `values` has the variables that are not in the map, `factors` what is known of those. Raises SolveError.
+        """
+        name = ", ".join(entry.name for entry in entries)
+        keys = [*cameras, *(key for entry in entries for key in entry.keys)]
+        known = [*self.smoother.marginal_factors(keys), *factors]
+        start = gtsam.Values(values)
+        start.insert(self.estimates(entries, cameras))
+        return solved(name, known, observations, start, self.config).values
+
+    def add_frame(
+        self,
+        camera: int,
+        name: str,
+        factors: Sequence[gtsam.NonlinearFactor],
+        values: gtsam.Values,
+        seen: Sequence[tuple[TrackedObject, Observation]],
+        at: gtsam.Values,
+    ) -> None:
+        """A camera, the plain factors and variables that come with it, and its observations, linearised at `at`.
+
+        Raises:
+            SolveError: nothing has been changed.
+        """
+        observations = [observation for _, observation in seen]
+        quadratics = linearize(observations, at, self.slope)
+        numbers = self.commit([*factors, *quadratics], values, newest=camera)
+        self.cameras[camera] = name
+        self._others += factors
+        _entered(observations, quadratics, numbers[len(factors) :], at)
+        for entry, observation in seen:
+            entry.observations.append(observation)
+
+    def add_object(self, entry: TrackedObject, state: ObjectState, placed: Sequence[Placed]) -> None:
+        """An object with its priors and its views, from cameras of the map.
+
+        It is solved against the map before it enters, beginning at `state`: the smoother's own steps have no damping.
+
+        Raises:
+            SolveError: it has no optimum near `state`, or the smoother fails; nothing has been changed.
+        """
+        observations = [*self.observations(entry, placed), *self.unseen(entry)]
+        cameras = sorted({camera for camera, _ in placed})
+        start = self.estimates([], cameras)
+        state.insert(start, entry.keys)
+        priors = state_priors(entry.prior, entry.keys, self.config.graph, self.up_world)
+        known = [*self.smoother.marginal_factors(cameras), *priors]
+        problem = solved(entry.name, known, observations, start, self.config)
+        freeze(observations, problem.values, self.slope)
+        at = settled(problem, priors, observations, self.config)
+        self.enter(entry, priors, observations, linearize_frozen(observations, at), at)
+
+    def enter(
+        self,
+        entry: TrackedObject,
+        priors: Sequence[gtsam.NonlinearFactor],
+        observations: Sequence[Observation],
+        quadratics: Sequence[gtsam.LinearContainerFactor],
+        at: gtsam.Values,
+    ) -> None:
+        """An object that is solved already, with its observations' quadratics at `at`, which also has its variables.
+
+        Raises:
+            SolveError: nothing has been changed.
+        """
+        numbers = self.commit([*priors, *quadratics], at.extract(gtsam.KeyVector([*entry.keys])))
+        entry.numbers = numbers[: len(priors)]
+        _entered(observations, quadratics, numbers[len(priors) :], at)
+        entry.observations = [*observations]
+        self.objects.append(entry)
+
+    def adopt(
+        self, entry: TrackedObject, placed: Sequence[Placed], instead_of: TrackedObject | None = None
+    ) -> None:
+        """Views that turn out to be of this object; with `instead_of`, another one leaves the map for it.
+
+        Raises:
+            SolveError: nothing has been changed.
+        """
+        observations = self.observations(entry, placed)
+        cameras = sorted({camera for camera, _ in placed})
+        at = self.solved([entry], cameras, observations, gtsam.Values())
+        gone = (
+            [] if instead_of is None else [*instead_of.numbers, *(o.number for o in instead_of.observations)]
+        )
+        remove = [number for number in gone if self.smoother.holds(number)]
+        quadratics = linearize(observations, at, self.slope)
+        _entered(observations, quadratics, self.commit(quadratics, remove=remove), at)
+        entry.observations += observations
+        if instead_of is not None:
+            self.objects.remove(instead_of)
+
+    def renew(self, entries: Sequence[TrackedObject], tolerance: Tolerance, limit: int | None = None) -> int:
+        """Linearise anew the observations that are farthest from where they were linearised; how many they were.
+
+        Those that only went along with a loop that was closed are carried along, without decoding.
+        """
+        stale: list[tuple[float, TrackedObject, Observation]] = []
+        travelled: list[tuple[Observation, gtsam.Values]] = []
+        for entry in entries:
+            self._prune(entry)
+            values = self.estimates([entry], _cameras(entry.observations))
+            for observation in entry.observations:
+                departure = entry.departure(observation, values, tolerance)
+                if departure > 1:
+                    stale.append((departure, entry, observation))
+                elif entry.has_travelled(observation, values):
+                    travelled.append((observation, values))
+        self._carry_along(travelled)
+        stale = sorted(stale, key=lambda each: -each[0])[:limit]
+        if not stale:
+            return 0
+        observations = [observation for *_, observation in stale]
+        owners = {entry.name: entry for _, entry, _ in stale}
+        values = self.estimates(list(owners.values()), _cameras(observations))
+        self._replace(observations, linearize(observations, values, self.slope), values)
+        return len(stale)
+
+    def resolve(self, entry: TrackedObject) -> None:
+        """Solve the object alone, nonlinearly, against cameras as they are, and linearise all its observations there.
+
+        Mends what was settled by few views; costs some linearisations of every view, so it is for now and then.
+        Raises SolveError, and has then changed nothing.
+        """
+        self._prune(entry)
+        placed = entry.placed_views
+        some = np.unique(np.linspace(0, len(placed) - 1, min(len(placed), _RESOLVED)).astype(int))
+        views = [placed[i][1].at(self.pose(placed[i][0])) for i in some]
+        single = single_object(
+            entry.prior, self.state(entry), views, self.up_world, self.floor, self.config.graph
+        )
+        solve([single.problem], self.config.tracking)
+        if single.problem.failure is not None:
+            raise SolveError(f"{entry.name}: {single.problem.failure}")
+        values = self.estimates([], _cameras(entry.observations))
+        single.state.insert(values, entry.keys)
+        self._replace(entry.observations, linearize(entry.observations, values, self.slope), values)
+
+    def solve_whole(self, rounds: int) -> None:
+        """Solve everything nonlinearly, all observations' samples drawn anew in every round, and linearise it all there.
+
+        Raises:
+            SolveError: nothing has been changed.
+        """
+        for entry in self.objects:
+            self._prune(entry)
+        observations = [observation for entry in self.objects for observation in entry.observations]
+        others = self.smoother.factors_without({observation.number for observation in observations})
+        values = self.smoother.estimate()
+        for _ in range(rounds):
+            freeze(observations, values, self.slope)
+            values = at_optimum("the map", others, observations, values)
+        self._replace(observations, linearize_frozen(observations, values), values)
+        self.smoother.settle()
+
+    def commit(
+        self,
+        factors: Sequence[gtsam.NonlinearFactor] = (),
+        values: gtsam.Values | None = None,
+        newest: int | None = None,
+        remove: Sequence[int] = (),
+    ) -> list[int]:
+        """One step of the smoother; with a lag, objects and whatever is new live on.
+
+        Raises:
+            SolveError: nothing has been changed.
+        """
+        times = {}
+        if self.config.lag is not None:
+            # a camera that is new is the next frame's; otherwise it is still the last frame's turn
+            now = float(len(self.cameras) - (newest is None))
+            times = {key: now for entry in self.objects for key in entry.keys}
+            times |= {} if values is None else dict.fromkeys(values.keys(), now)
+        if newest is None and self.cameras:
+            newest = X(len(self.cameras) - 1)
+        return self.smoother.update(factors, values, remove=remove, newest=newest, times=times)
+
+    def estimates(self, entries: Sequence[TrackedObject], cameras: Iterable[int]) -> gtsam.Values:
+        """Where these objects and cameras are now."""
+        values = gtsam.Values()
+        for camera in cameras:
+            values.insert(camera, self.pose(camera))
+        for entry in entries:
+            self.state(entry).insert(values, entry.keys)
+        return values
+
+    def batch(self) -> ObjectGraph:
+        """The map as one nonlinear graph of its own, at the current estimate.
+
+        Raises:
+            SolveError: cameras were marginalised out behind a lag; what they said is in no nonlinear factor any more.
+        """
+        if self.config.lag is not None:
+            raise SolveError(
+                "a map with a lag has no batch graph: build it without one (IncrementalConfig.lag)"
+            )
+        graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
+        for factor in self._others:
+            graph.push_back(factor)
+        keys = set().union(*(factor.keys() for factor in self._others))
+        values.insert(self.smoother.estimate().extract(gtsam.KeyVector(sorted(keys))))
+        objects = ObjectGraph(graph, values, self.config.graph, up_world=self.up_world)
+        for entry in self.objects:
+            handle = objects.add_object(entry.prior, self.state(entry), keys=entry.keys, name=entry.name)
+            for observation in entry.observations:
+                if not observation.of_prior:
+                    objects.add_factors(handle, observation.factors)
+        return objects
+
+    def _prune(self, entry: TrackedObject) -> None:
+        """Forget observations whose camera is past the lag: what they said is in the smoother for good."""
+        entry.observations = [o for o in entry.observations if self.smoother.holds(o.number)]
+
+    def _carry_along(self, travelled: Sequence[tuple[Observation, gtsam.Values]]) -> None:
+        if not travelled:
+            return
+        moved = []
+        for observation, values in travelled:
+            pose, camera = observation.keys[0], observation.camera
+            assert observation.quadratic is not None
+            assert camera is not None
+            moved.append(carried_along(observation.quadratic, observation.point, values, pose, camera))
+        observations = [observation for observation, _ in travelled]
+        numbers = self.commit([factor for factor, _ in moved], remove=[o.number for o in observations])
+        for observation, number, (quadratic, point) in zip(observations, numbers, moved, strict=True):
+            observation.number, observation.quadratic, observation.point = number, quadratic, point
+
+    def _replace(
+        self,
+        observations: Sequence[Observation],
+        quadratics: Sequence[gtsam.LinearContainerFactor],
+        values: gtsam.Values,
+    ) -> None:
+        numbers = self.commit(quadratics, remove=[observation.number for observation in observations])
+        _entered(observations, quadratics, numbers, values)
+
+
+def _cameras(observations: Sequence[Observation]) -> list[int]:
+    return sorted({o.camera for o in observations if o.camera is not None})
+
+
+def _entered(
+    observations: Sequence[Observation],
+    quadratics: Sequence[gtsam.LinearContainerFactor],
+    numbers: Sequence[int],
+    at: gtsam.Values,
+) -> None:
+    for observation, quadratic, number in zip(observations, quadratics, numbers, strict=True):
+        observation.quadratic, observation.number = quadratic, number
+        observation.point = at.extract(gtsam.KeyVector(observation.keys))

@@ -1,0 +1,67 @@
+"""The state of a training: decoder, codes, their running average and the optimiser, as tensors by name."""
+
+from pathlib import Path
+
+import torch
+from torch import Tensor
+
+from objgraph.errors import PriorError
+
+
+class AutoDecoder(torch.nn.Module):
+    """A decoder, the codes of its training shapes, and a running average of both."""
+
+    def __init__(
+        self, decoder: torch.nn.Module, shapes: int, code_length: int, seed: int, decay: float
+    ) -> None:
+        super().__init__()
+        self.decoder = decoder
+        generator = torch.Generator().manual_seed(seed)
+        self.codes = torch.nn.Parameter(0.01 * torch.randn(shapes, code_length, generator=generator))
+        self.average = {name: value.detach().clone() for name, value in self.named_parameters()}
+        self.decay = decay
+
+    @torch.no_grad()
+    def update_average(self, step: int) -> None:
+        """Move the average towards the present weights; quickly at first."""
+        decay = min(self.decay, (step + 1) / (step + 10))
+        for name, value in self.named_parameters():
+            self.average[name] = self.average[name].to(value).lerp_(value, 1 - decay)
+
+    def averaged(self) -> dict[str, Tensor]:
+        """The averaged weights, by parameter name (`decoder.*` and `codes`)."""
+        return dict(self.average)
+
+
+def pack(model: AutoDecoder, optimizer: torch.optim.Optimizer) -> dict[str, Tensor]:
+    """Everything that a resumed training needs, as named tensors."""
+    tensors = {f"weight/{name}": value for name, value in model.named_parameters()}
+    tensors |= {f"average/{name}": value for name, value in model.average.items()}
+    for i, state in optimizer.state_dict()["state"].items():
+        tensors |= {f"adam/{i}/{key}": value for key, value in state.items()}
+    return tensors
+
+
+@torch.no_grad()
+def unpack(
+    tensors: dict[str, Tensor], model: AutoDecoder, optimizer: torch.optim.Optimizer, path: Path
+) -> None:
+    """Put a packed state back.
+
+    Raises:
+        PriorError: the tensors are of another network or another set of shapes.
+    """
+    try:
+        for name, value in model.named_parameters():
+            value.copy_(tensors[f"weight/{name}"])
+            model.average[name].copy_(tensors[f"average/{name}"])
+        state: dict[int, dict[str, Tensor]] = {}
+        for name, tensor in tensors.items():
+            if name.startswith("adam/"):
+                _, i, key = name.split("/")
+                state.setdefault(int(i), {})[key] = tensor
+        optimizer.load_state_dict({"state": state, "param_groups": optimizer.state_dict()["param_groups"]})
+    except (KeyError, RuntimeError, ValueError) as error:
+        raise PriorError(
+            f"{path} is the checkpoint of another training: give an empty folder ({error})"
+        ) from error

@@ -1,0 +1,97 @@
+"""The index of a folder of collected meshes, and which of them are held out."""
+
+import hashlib
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from objgraph.errors import PriorError
+from objgraph.training.mesh_files import SUFFIXES, list_meshes
+
+
+@dataclass(frozen=True)
+class CadMesh:
+    """A collected mesh's entry in `index.json`."""
+
+    file: str
+    group: str
+    licence: str
+    attribution: str
+    source: str
+    size: tuple[float, float, float] | None
+    """Metric extents where the source has them."""
+
+
+def read_index(folder: Path, category: str) -> list[CadMesh]:
+    """The entries of a category in a folder's `index.json`; without one, all its mesh files, of unknown licences.
+
+    Raises:
+        PriorError: it is damaged or has no mesh of the category, or the folder has no mesh; the message names it.
+    """
+    path = folder / "index.json"
+    if not path.exists():
+        return _unlisted(folder, category)
+    try:
+        entries = json.loads(path.read_text())["meshes"]
+        meshes = [
+            CadMesh(
+                file=entry["file"],
+                group=entry["group"],
+                licence=entry["licence"],
+                attribution=entry["attribution"],
+                source=entry["source_repo"],
+                size=None if entry["size_m"] is None else tuple(entry["size_m"]),
+            )
+            for entry in entries
+            if entry["category"] == category
+        ]
+    except OSError as error:
+        raise PriorError(f"{path} cannot be read: {error}") from error
+    except (ValueError, KeyError, TypeError) as error:
+        raise PriorError(f"{path} is no mesh index: {error!r}") from error
+    if not meshes:
+        raise PriorError(f"{path} has no mesh of category {category!r}")
+    return meshes
+
+
+def _unlisted(folder: Path, category: str) -> list[CadMesh]:
+    """Mesh files of a folder without an index, each a group of its own, its folder the source."""
+    files = list_meshes(folder, category)
+    if not files:
+        raise PriorError(f"{folder} holds neither an index.json nor a mesh ({', '.join(SUFFIXES)})")
+    return [
+        CadMesh(
+            file,
+            group=file,
+            licence="unknown",
+            attribution="unknown",
+            source=str(Path(file).parent),
+            size=None,
+        )
+        for file in files
+    ]
+
+
+def heldout_groups(meshes: Sequence[CadMesh], share: float) -> set[str]:
+    """Groups held out: of every source, in an order that only the names decide, at least the share of its meshes.
+
+    Sources of one group each are drawn from together.
+    """
+    sources: dict[str, dict[str, int]] = {}
+    for mesh in meshes:
+        counts = sources.setdefault(mesh.source, {})
+        counts[mesh.group] = counts.get(mesh.group, 0) + 1
+    pools = [counts for counts in sources.values() if len(counts) > 1]
+    pools.append({group: n for counts in sources.values() if len(counts) == 1 for group, n in counts.items()})
+    return {group for counts in pools for group in _drawn(counts, share)}
+
+
+def _drawn(counts: dict[str, int], share: float) -> list[str]:
+    """The groups of one source that are held out."""
+    chosen: list[str] = []
+    for group in sorted(counts, key=lambda group: hashlib.sha256(group.encode()).hexdigest()):
+        if sum(counts[g] for g in chosen) >= share * sum(counts.values()):
+            break
+        chosen.append(group)
+    return chosen

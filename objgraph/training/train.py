@@ -1,0 +1,296 @@
+"""Training of a shape prior: an auto-decoder over signed-distance samples (Park et al., "DeepSDF", 2019)."""
+
+import hashlib
+import json
+import logging
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+import torch
+from jaxtyping import Float, Int
+from torch import Tensor
+
+from factors.decoder import Decoder, DecoderConfig
+from objgraph.errors import PriorError
+from objgraph.priors.tensors import load_tensors, save_tensors
+from objgraph.training.box_frame import BoxFrame
+from objgraph.training.checkpoint import AutoDecoder, pack, unpack
+from objgraph.training.corpus import Corpus, CorpusConfig
+from objgraph.training.samples import SampleConfig, SdfSamples
+
+log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class TrainConfig:
+    """A training of one category's shape prior."""
+
+    category: str = "chair"
+    """The category to train."""
+    meshes: Path | None = None
+    """Folder of meshes (y up, front at -z; any size), with or without an `index.json` that lists them; left out, only
+    the procedural families are used."""
+    out: Path = Path("out/train")
+    """Work folder: sample cache, checkpoint, and the trained prior."""
+    decoder: DecoderConfig = field(default_factory=lambda: DecoderConfig(octaves=2, activation="relu"))
+    """The network."""
+    corpus: CorpusConfig = field(default_factory=CorpusConfig)
+    """The shapes."""
+    samples: SampleConfig = field(default_factory=SampleConfig)
+    """Where their distances are sampled."""
+    normalisation: Literal["box", "diagonal"] = "box"
+    """The decoder's frame: every shape stretched to the category's typical box, so that the object's scales carry
+    its extents alone, or the shape's own box of diagonal 1."""
+    stands: bool = True
+    """Whether such objects stand on the floor: those that hang or lie on others do not."""
+    steps: int = 40_000
+    """Optimiser steps; may be raised or lowered between resumed runs."""
+    shapes_per_step: int = 96
+    """Shapes in a batch."""
+    points_per_shape: int = 20
+    """Samples of each of them."""
+    learning_rate: float = 1e-3
+    """Adam's step for the network."""
+    code_learning_rate: float = 1e-2
+    """Adam's step for the codes, which see fewer steps than the network does."""
+    warmup: int = 200
+    """Steps over which the learning rate rises from zero."""
+    cooldown: float = 0.45
+    """Last share of the steps, over which it falls to zero."""
+    code_penalty: float = 1e-4
+    """Weight of the codes' mean squared norm."""
+    surface_scale: float = 0.05
+    """Distance, canonical, at which a sample weighs half of one on the surface."""
+    average_decay: float = 0.999
+    """Decay a step of the running average of the weights that is exported."""
+    seed: int = 0
+    """Seed of weights, codes and batches."""
+    threads: int = 1
+    """CPU threads."""
+    device: str = "cpu"
+    """Torch device: cpu, cuda, cuda:1; a training may go on on another one, with results equal to rounding."""
+    bf16: bool = False
+    """Let the network compute in bfloat16; it helps on GPUs that have it, not on CPUs."""
+    checkpoint_seconds: float = 60.0
+    """Time between checkpoints."""
+
+    def fingerprint(self) -> str:
+        """A hash of what must not change between resumed runs."""
+        fixed = {
+            key: value
+            for key, value in asdict(self).items()
+            if key
+            not in {
+                "meshes",
+                "out",
+                "stands",
+                "steps",
+                "cooldown",
+                "threads",
+                "device",
+                "bf16",
+                "checkpoint_seconds",
+            }
+        }
+        return hashlib.sha256(json.dumps(fixed, sort_keys=True, default=str).encode()).hexdigest()[:16]
+
+
+@dataclass(frozen=True)
+class Trained:
+    """What a training hands over, at whatever step it stopped."""
+
+    decoder: Decoder
+    codes: Float[np.ndarray, "s l"]
+    box: BoxFrame | None
+    """The frame that the shapes were stretched to."""
+    step: int
+    loss: float
+
+
+Progress = Callable[[int, float], None]
+"""Called after a step with the number of steps done and a running mean of the loss."""
+
+
+def checkpoint_path(config: TrainConfig) -> Path:
+    """Where a training keeps its state."""
+    return config.out / f"{config.category}.checkpoint"
+
+
+@contextmanager
+def _threads(count: int) -> Iterator[None]:
+    """So many CPU threads for a while."""
+    before = torch.get_num_threads()
+    torch.set_num_threads(count)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(before)
+
+
+def train(config: TrainConfig, corpus: Corpus, progress: Progress | None = None) -> Trained:
+    """Train, or resume, until `config.steps`; a killed run resumes at its checkpoint with the same result.
+
+    Raises:
+        PriorError: no shape to train on, a loss that is not finite, or a checkpoint of another training.
+    """
+    if not corpus.training:
+        raise PriorError(f"there is no {config.category} to train on: every mesh was left out or held out")
+    with _threads(config.threads):
+        return _train(config, corpus, progress)
+
+
+def _train(config: TrainConfig, corpus: Corpus, progress: Progress | None) -> Trained:
+    points, sdf = (tensor.to(_device(config)) for tensor in _stack(corpus.training, _box(config, corpus)))
+    model, optimizer = _model(config, len(sdf))
+    path = checkpoint_path(config)
+    step, mean = _resume(config, path, model, optimizer)
+    saved = time.monotonic()
+    while step < config.steps:
+        for group, rate in zip(
+            optimizer.param_groups, (config.learning_rate, config.code_learning_rate), strict=True
+        ):
+            group["lr"] = rate * schedule(config, step)
+        batch, owner, batch_points, batch_sdf = _batch(config, step, points, sdf)
+        optimizer.zero_grad(set_to_none=True)
+        codes = model.codes[batch]
+        with torch.autocast(points.device.type, torch.bfloat16, enabled=config.bf16):
+            prediction = model.decoder(batch_points, codes, owner)
+        loss = sdf_loss(prediction.float(), batch_sdf, config.surface_scale)
+        (loss + config.code_penalty * codes.square().sum(1).mean()).backward()
+        value = loss.item()
+        if not np.isfinite(value):
+            raise PriorError(
+                f"training {config.category}: the loss is {value} at step {step}; lower the learning rate or "
+                f"look at the samples (the last good checkpoint is {path})"
+            )
+        optimizer.step()
+        model.update_average(step)
+        mean = value if step == 0 else mean + (value - mean) / min(step + 1, 500)
+        step += 1
+        if time.monotonic() - saved > config.checkpoint_seconds or step == config.steps:
+            _save(config, path, model, optimizer, step, mean)
+            saved = time.monotonic()
+        if progress is not None:
+            progress(step, mean)
+    return _trained(config, corpus, model, step, mean)
+
+
+def load_trained(config: TrainConfig, corpus: Corpus) -> Trained:
+    """The averaged weights of a training's checkpoint, finished or not.
+
+    Raises:
+        PriorError: there is no checkpoint of this training.
+    """
+    model, optimizer = _model(config, len(corpus.training))
+    path = checkpoint_path(config)
+    if not path.is_file():
+        raise PriorError(f"{path} does not exist: this category has not been trained in that folder")
+    step, mean = _resume(config, path, model, optimizer)
+    return _trained(config, corpus, model, step, mean)
+
+
+def sdf_loss(
+    prediction: Float[Tensor, "n"], sdf: Float[Tensor, "n"], surface_scale: float
+) -> Float[Tensor, ""]:
+    """Mean absolute error of unclamped distances, weighted towards the surface."""
+    weight = 1 / (1 + sdf.abs() / surface_scale)
+    return (weight * (prediction - sdf).abs()).mean()
+
+
+def schedule(config: TrainConfig, step: int) -> float:
+    """Share of the learning rates at a step: linear rise, plateau, linear fall to a fiftieth."""
+    rise = min(1.0, (step + 1) / max(config.warmup, 1))
+    left = (config.steps - step) / max(config.cooldown * config.steps, 1.0)
+    return rise * min(1.0, max(left, 0.02))
+
+
+def _box(config: TrainConfig, corpus: Corpus) -> BoxFrame | None:
+    if config.normalisation == "diagonal":
+        return None
+    return BoxFrame.of(np.stack([shape.extents for shape in corpus.training]))
+
+
+def _stack(
+    shapes: tuple[SdfSamples, ...], box: BoxFrame | None
+) -> tuple[Float[Tensor, "s n 3"], Float[Tensor, "s n"]]:
+    points = np.stack([shape.points for shape in shapes])
+    if box is not None:
+        points /= np.stack([box.stretch(shape.extents) for shape in shapes]).astype(np.float32)[:, None]
+    sdf = np.stack([shape.sdf for shape in shapes])
+    return torch.from_numpy(points), torch.from_numpy(sdf)
+
+
+def _batch(
+    config: TrainConfig, step: int, points: Float[Tensor, "s n 3"], sdf: Float[Tensor, "s n"]
+) -> tuple[Int[Tensor, "b"], Int[Tensor, "k"], Float[Tensor, "k 3"], Float[Tensor, "k"]]:
+    """The shapes and samples of a step, which its number and the seed decide alone."""
+    rng = np.random.default_rng([config.seed, step])
+    count = min(config.shapes_per_step, len(sdf))
+    batch = torch.from_numpy(rng.choice(len(sdf), count, replace=False)).to(sdf.device)
+    row = torch.from_numpy(rng.integers(sdf.shape[1], size=(count, config.points_per_shape))).to(sdf.device)
+    owner = torch.arange(count, device=sdf.device).repeat_interleave(config.points_per_shape)
+    pick = (batch[:, None], row)
+    return batch, owner, points[pick].reshape(-1, 3), sdf[pick].reshape(-1)
+
+
+def _model(config: TrainConfig, shapes: int) -> tuple[AutoDecoder, torch.optim.Optimizer]:
+    model = AutoDecoder(
+        _decoder(config), shapes, config.decoder.code_length, config.seed, config.average_decay
+    )
+    model.to(_device(config))
+    return model, torch.optim.Adam([{"params": model.decoder.parameters()}, {"params": [model.codes]}])
+
+
+def _device(config: TrainConfig) -> torch.device:
+    try:
+        return torch.empty(0, device=config.device).device
+    except (RuntimeError, AssertionError) as error:
+        raise PriorError(f"device {config.device!r} cannot be used, try cpu: {error}") from error
+
+
+def _decoder(config: TrainConfig) -> Decoder:
+    """A decoder with the seed's own first weights; the caller's generator is left as it was."""
+    with torch.random.fork_rng(devices=[]):
+        torch.manual_seed(config.seed)
+        return Decoder(config.decoder)
+
+
+def _resume(
+    config: TrainConfig, path: Path, model: AutoDecoder, optimizer: torch.optim.Optimizer
+) -> tuple[int, float]:
+    if not path.is_file():
+        return 0, 0.0
+    tensors, state = load_tensors(path)
+    if state.get("fingerprint") != config.fingerprint() or state.get("shapes") != len(model.codes):
+        raise PriorError(
+            f"{path} is the checkpoint of another training (other settings or shapes): give an empty folder"
+        )
+    unpack(tensors, model, optimizer, path)
+    log.info("%s: resumed at step %d", path, state["step"])
+    return state["step"], state["loss"]
+
+
+def _save(
+    config: TrainConfig,
+    path: Path,
+    model: AutoDecoder,
+    optimizer: torch.optim.Optimizer,
+    step: int,
+    loss: float,
+) -> None:
+    state = {"fingerprint": config.fingerprint(), "shapes": len(model.codes), "step": step, "loss": loss}
+    save_tensors(pack(model, optimizer), state, path)
+
+
+def _trained(config: TrainConfig, corpus: Corpus, model: AutoDecoder, step: int, loss: float) -> Trained:
+    average = {name: value.cpu() for name, value in model.averaged().items()}
+    decoder = _decoder(config)
+    prefix = "decoder."
+    decoder.load_state_dict({k.removeprefix(prefix): v for k, v in average.items() if k.startswith(prefix)})
+    decoder.requires_grad_(False).eval()
+    return Trained(decoder, average["codes"].numpy().copy(), _box(config, corpus), step, loss)

@@ -1,0 +1,187 @@
+"""Objects in a graph that somebody else owns: his keys, his variables, and out again."""
+
+from dataclasses import replace
+
+import gtsam
+import numpy as np
+import pytest
+from gtsam.symbol_shorthand import L, O, X
+
+from factors.errors import FactorError
+from factors.state import ObjectKeys
+from objgraph.errors import SolveError
+from objgraph.graph.object_graph import GraphConfig, ObjectGraph
+from objgraph.graph.solve import LevenbergMarquardtConfig, SolverConfig
+from tests.objgraph.graph.graph_cases import (
+    NEAR,
+    OFF,
+    SHORT,
+    UP,
+    empty,
+    moved,
+    pose_error,
+    pose_noise,
+    views_of,
+)
+from tests.toys import toy_prior, toy_state
+
+
+def test_own_keys_and_free_numbers():
+    objects = empty()
+    own = ObjectKeys(gtsam.symbol("p", 7), gtsam.symbol("q", 7), gtsam.symbol("r", 7))
+    objects.values.insert(ObjectKeys.numbered(1).log_scale, np.zeros(2))  # somebody's s1
+    first = objects.add_object(toy_prior(), toy_state(), keys=own)
+    second = objects.add_object(toy_prior(), toy_state())
+    third = objects.add_object(toy_prior(), toy_state())
+    assert first.keys == own
+    assert second.keys == ObjectKeys.numbered(2)
+    assert third.keys == ObjectKeys.numbered(3)
+    assert objects.values.size() == 1 + 3 * 3
+    np.testing.assert_allclose(objects.values.atVector(own.code), toy_state().code)
+    assert len({handle.name for handle in objects.objects}) == 3
+
+
+def test_own_keys_are_solved_and_have_marginals():
+    state, objects = toy_state(), empty()
+    own = ObjectKeys(L(3), 17, gtsam.symbol("r", 0))
+    handle = objects.add_object(toy_prior(), state.retract(0.3 * OFF), up_world=UP, keys=own)
+    for view in views_of(state):
+        objects.observe(handle, view)
+    objects.optimize(SHORT)
+    assert pose_error(objects.state(handle).T_world_object, state.T_world_object)[1] < 0.02
+    assert objects.marginals(handle).matrix.shape == (13, 13)
+
+
+def test_taken_keys_are_an_error_that_changes_nothing():
+    objects = empty()
+    objects.values.insert(X(0), gtsam.Pose3())
+    handle = objects.add_object(toy_prior(), toy_state())
+    size = objects.graph.size()
+    for taken in (handle.keys, ObjectKeys(O(9), gtsam.symbol("s", 9), X(0))):
+        with pytest.raises(FactorError, match=r"o0|x0"):
+            objects.add_object(toy_prior(), toy_state(), keys=taken)
+    assert objects.values.size() == 4
+    assert objects.graph.size() == size
+    assert len(objects.objects) == 1
+
+
+def test_a_code_of_another_length_is_an_error_that_names_it():
+    state, objects = toy_state(), empty()
+    handle = objects.add_object(toy_prior(), replace(state, code=np.zeros(7)))
+    objects.observe(handle, views_of(state, [0.3])[0])
+    with pytest.raises(SolveError, match=r"chair 0: z0 holds a code of length 7, but the decoder takes 4"):
+        objects.optimize(SHORT)
+
+
+def test_a_camera_without_a_value_is_an_error_that_names_it():
+    state, objects = toy_state(), empty()
+    handle = objects.add_object(toy_prior(), state)
+    objects.observe(handle, views_of(state, [0.3])[0], camera=X(3))
+    with pytest.raises(SolveError, match="x3"):
+        objects.optimize(SHORT)
+
+
+def own_slam() -> tuple[gtsam.NonlinearFactorGraph, gtsam.Values]:
+    """Two cameras and a landmark of the caller's, some way from their optimum."""
+    graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
+    T = views_of(toy_state(), [0.3])[0].T_world_camera
+    step = gtsam.Pose3(gtsam.Rot3.Rz(0.1), np.array([0.3, 0.0, 0.1]))
+    graph.push_back(gtsam.PriorFactorPose3(X(0), T, pose_noise(0.05, 0.05)))
+    graph.push_back(gtsam.BetweenFactorPose3(X(0), X(1), step, pose_noise(0.02, 0.03)))
+    for k in (0, 1):
+        sight = gtsam.noiseModel.Isotropic.Sigma(3, 0.05)
+        graph.push_back(
+            gtsam.BearingRangeFactor3D(
+                X(k), L(0), gtsam.Unit3(np.array([0.1, 0.2, 1.0])), 2.0 + 0.1 * k, sight
+            )
+        )
+    values.insert(X(0), T.retract(NEAR))
+    values.insert(X(1), T.compose(step).retract(-NEAR))
+    values.insert(L(0), T.transformFrom(np.array([0.3, 0.3, 1.8])))
+    return graph, values
+
+
+@pytest.mark.parametrize("evidence", [0.0, 1.0])
+def test_an_object_without_information_leaves_the_caller_s_variables_alone(evidence):
+    plain = ObjectGraph(*own_slam())
+    exact = SolverConfig(
+        slopes=(200.0,), rounds=2, inner=LevenbergMarquardtConfig(iterations=60, relative_tolerance=0.0)
+    )
+    plain.optimize(exact)
+    objects = ObjectGraph(*own_slam(), GraphConfig(evidence=evidence))
+    own_factors = objects.graph.size()
+    state = toy_state()
+    handle = objects.add_object(toy_prior(), state, up_world=UP)
+    for k, view in enumerate(views_of(state, [0.3, 0.5])):
+        objects.observe(handle, view, camera=X(k))
+    assert [objects.graph.at(i).keys() for i in range(own_factors)] == [
+        plain.graph.at(i).keys() for i in range(own_factors)
+    ]
+    # anything may hold the object: it must be determined without views too
+    objects.graph.push_back(
+        gtsam.PriorFactorPose3(handle.keys.pose, state.T_world_object, pose_noise(0.01, 0.01))
+    )
+    objects.optimize(exact)
+    moves = [
+        np.abs(plain.values.atPose3(X(k)).localCoordinates(objects.values.atPose3(X(k)))).max()
+        for k in (0, 1)
+    ]
+    moves.append(np.abs(plain.values.atPoint3(L(0)) - objects.values.atPoint3(L(0))).max())
+    if evidence == 0.0:
+        assert max(moves) < 1e-9
+    else:
+        assert min(moves) > 1e-3  # the same object with information does move them
+
+
+def factors_of(graph: gtsam.NonlinearFactorGraph) -> list[tuple[int, gtsam.NonlinearFactor]]:
+    return [(i, graph.at(i)) for i in range(graph.size()) if graph.exists(i)]
+
+
+def test_what_was_added_can_be_taken_out_again():
+    objects = ObjectGraph(*own_slam(), up_world=UP, floor=0.0)
+    before, values = factors_of(objects.graph), gtsam.Values(objects.values)
+    state = toy_state()
+    views = views_of(state, [0.3, 0.5])
+    first = objects.add_object(toy_prior(), state)
+    objects.observe(first, views[0], camera=X(0))
+    objects.graph.push_back(
+        gtsam.PriorFactorPose3(X(1), gtsam.Pose3(), pose_noise(1, 1))
+    )  # the caller goes on
+    second = objects.add_object(toy_prior(), moved(state, 1.0))
+    objects.stand_on_floor(second)
+    objects.observe(second, views[1], camera=X(1))
+
+    objects.remove_object(first)
+    assert objects.objects == [second]
+    assert not any(objects.values.exists(key) for key in first.keys)
+    assert objects.graph.error(objects.values) > 0  # nothing is left on what is gone
+    objects.remove_object(second)
+    after = factors_of(objects.graph)
+    assert after[:-1] == before
+    assert after[-1][1].keys() == [X(1)]
+    assert objects.values.equals(values, 0.0)
+    with pytest.raises(FactorError, match="not in this graph"):
+        objects.remove_object(first)
+
+
+def test_the_graph_is_as_long_as_before_once_everything_is_taken_out():
+    objects = ObjectGraph(*own_slam())
+    size = objects.graph.size()
+    handles = [objects.add_object(toy_prior(), toy_state()) for _ in range(2)]
+    for handle in handles:
+        objects.remove_object(handle)
+    assert objects.graph.size() == size
+
+
+def test_an_object_that_the_caller_holds_stays():
+    objects = empty()
+    handle = objects.add_object(toy_prior(), toy_state())
+    objects.graph.push_back(gtsam.PriorFactorPose3(handle.keys.pose, gtsam.Pose3(), pose_noise(1, 1)))
+    size = objects.graph.size()
+    with pytest.raises(FactorError, match=r"your factor 2 on o0"):
+        objects.remove_object(handle)
+    assert objects.graph.size() == size
+    assert objects.objects == [handle]
+    objects.graph.remove(0)
+    with pytest.raises(FactorError, match="rearranged"):
+        objects.remove_object(handle)

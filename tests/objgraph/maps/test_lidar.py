@@ -1,0 +1,128 @@
+"""Cars from single scans: every one has a result or a reason, near the truth, and covariances behave as physics says."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from objgraph.cli.main import main
+from objgraph.datasets.kitti import load_frame, load_labels
+from objgraph.estimate.graph import GraphEstimator
+from objgraph.estimate.task import Estimate
+from objgraph.geometry.boxes import OrientedBox, box_iou
+from objgraph.maps.lidar import LidarMappingConfig, map_lidar
+from objgraph.maps.lidar_task import ROADS, LidarTaskConfig, task_of
+from objgraph.maps.object_map import ObjectMap
+from objgraph.observation.lidar.observe import LidarSamplingConfig
+from objgraph.priors.registry import prior_for
+from objgraph.synthetic.street import StreetConfig, ensure_street
+
+
+@pytest.fixture(scope="module")
+def street(tmp_path_factory):
+    return ensure_street(tmp_path_factory.mktemp("street"), StreetConfig(frames=1))
+
+
+@pytest.fixture(scope="module")
+def frame(street):
+    return load_frame(street)
+
+
+@pytest.fixture(scope="module")
+def mapped(frame) -> ObjectMap:
+    behind = replace(frame.detections[0], id=9, T_world_object=np.diag([1.0, 1.0, 1.0, 1.0]))
+    behind.T_world_object[2, 3] = -10.0
+    return map_lidar(replace(frame, detections=(*frame.detections, behind)))
+
+
+def test_every_detection_has_a_result_or_a_reason(frame, mapped):
+    assert [entry.id for entry in mapped.objects] == [*(each.id for each in frame.detections), 9]
+    failed = mapped.objects[-1]
+    assert failed.status == "failed"
+    assert "not ahead of the LiDAR" in str(failed.reason)
+    assert len(mapped.mapped) == len(frame.detections)
+
+
+def test_estimates_are_near_the_truth(street, frame, mapped):
+    labels = load_labels(street, frame.name)
+    better = []
+    for detection, entry in zip(frame.detections, mapped.mapped, strict=True):
+        label = min(labels, key=lambda each: np.linalg.norm(each.box.centre - detection.box.centre))
+        box = OrientedBox.about(np.asarray(entry.vertices), entry.state.T_world_object.rotation().matrix())
+        better.append(box_iou(box, label.box) - box_iou(detection.box, label.box))
+        assert box_iou(box, label.box) > 0.8
+    assert np.mean(better) > 0.15
+
+
+def test_the_map_can_be_saved_with_its_covariances(mapped, tmp_path):
+    mapped.save(tmp_path)
+    loaded = ObjectMap.load(tmp_path).objects[0]
+    assert loaded.uncertainty.matrix.shape == mapped.objects[0].uncertainty.matrix.shape
+    assert loaded.estimator == "graph"
+
+
+def car_from_behind(frame):
+    """The one straight ahead: its back alone is seen."""
+    return min(frame.detections, key=lambda each: abs(each.T_world_object[0, 3]))
+
+
+def sigmas(frame, points: int) -> np.ndarray:
+    """Standard deviations of the middle: right, up and back in the car's own axes."""
+    sampling = LidarSamplingConfig(points=points, free=points // 2)
+    task = task_of(frame, car_from_behind(frame), prior_for("car"), LidarTaskConfig(sampling))
+    (estimate,) = GraphEstimator(ROADS).estimate([task])
+    assert isinstance(estimate, Estimate)
+    assert estimate.covariance is not None
+    return estimate.covariance.block("translation").sigma
+
+
+def test_covariances_behave_as_physics_says(frame):
+    """A car seen from behind is known less along than across, and the better the more returns there are."""
+    few, many = sigmas(frame, 20), sigmas(frame, 200)
+    for right, _, back in (few, many):
+        assert back > right
+    assert (many[[0, 2]] < few[[0, 2]]).all()
+
+
+def test_nothing_detected_is_an_empty_map(frame):
+    assert map_lidar(replace(frame, detections=())).objects == ()
+
+
+def test_one_of_a_category_without_a_prior_is_mapped_with_the_stand_in(frame, caplog):
+    truck = replace(frame.detections[0], category="truck")
+    entry = map_lidar(replace(frame, detections=(truck,)), LidarMappingConfig(mesh_resolution=32)).objects[0]
+    assert entry.status == "mapped"
+    assert entry.prior is not None
+    assert entry.prior.fallback
+
+
+def test_the_command_line_maps_the_street(street, tmp_path, capsys):
+    arguments = ["map", "--dataset", "kitti", "--root", str(street), "--out", str(tmp_path / "out")]
+    assert main(arguments) == 0
+    assert "5 of 5 objects mapped" in capsys.readouterr().out
+    assert (tmp_path / "out" / "map.png").stat().st_size > 10_000
+    assert len(ObjectMap.load(tmp_path / "out").mapped) == 5
+
+
+def test_settings_of_a_lidar_are_options_and_those_of_a_camera_are_refused(street, tmp_path, capsys):
+    arguments = ["map", "--dataset", "kitti", "--root", str(street), "--out", str(tmp_path / "out")]
+    given = [
+        "--lidar.detector.position",
+        "0.2",
+        "--lidar.sampling.free",
+        "40",
+        "--lidar-graph.floor-sigma",
+        "0.1",
+    ]
+    assert main([*arguments, *given, "--seed", "3", "--mesh-resolution", "32"]) == 0
+    used = json.loads((tmp_path / "out" / "config.json").read_text())
+    assert used["task"]["detector"]["position"] == 0.2
+    assert used["task"]["sampling"]["free"] == 40
+    assert (used["graph"]["floor_sigma"], used["seed"]) == (0.1, 3)
+    assert used["graph"]["tight_box"]  # what was not given is as it is for roads
+    capsys.readouterr()
+    for option in ("--graph.floor-sigma", "--sampling.flying"):
+        assert main([*arguments, option, "0.1"]) == 1
+        message = " ".join(capsys.readouterr().out.split())
+        assert f"does not use {option.split('.')[0]}: see --lidar and --lidar-graph" in message

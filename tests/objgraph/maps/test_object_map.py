@@ -1,0 +1,147 @@
+"""The map and its objects: what they refuse."""
+
+import json
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from objgraph.errors import MapError
+from objgraph.maps.object_map import ObjectMap
+from objgraph.maps.other_estimate import OtherEstimate
+from tests.objgraph.maps.map_cases import UP, failed, mapped, other
+
+finite = st.floats(-1e6, 1e6)
+
+
+def test_arrays_are_read_only_double_copies():
+    code = np.ones(8, np.float32)
+    entry = mapped(code=code)
+    code[0] = 7
+    assert entry.code is not None
+    assert entry.faces is not None
+    assert entry.code.dtype == np.float64
+    assert entry.code[0] == 1
+    with pytest.raises(ValueError, match="read-only"):
+        entry.code[0] = 2
+    with pytest.raises(ValueError, match="read-only"):
+        entry.faces[0] = 2
+
+
+@pytest.mark.parametrize(
+    ("changes", "complaint"),
+    [
+        ({"T_world_object": np.diag([2.0, 2, 2, 1])}, "T_world_object is no rigid"),
+        ({"T_world_object": np.eye(3)}, r"T_world_object has shape \(3, 3\)"),
+        ({"scale": [1, -1, 1]}, "scale must be positive"),
+        ({"code": None}, "code is missing"),
+        ({"code": [np.nan] * 8}, "code is not finite"),
+        ({"covariance": -np.eye(9)}, "covariance has a negative variance"),
+        ({"covariance": np.full((9, 9), np.inf)}, "covariance is not finite"),
+        ({"code_sigma": np.ones(3)}, "code_sigma has 3 entries"),
+        ({"cost_final": float("nan")}, "cost_final is not finite"),
+        ({"seconds_by_stage": {"solve": float("inf")}}, "seconds_by_stage.solve is not finite"),
+        ({"evaluation": {"box_iou": np.float64("nan")}}, "evaluation.box_iou is not finite"),
+        ({"linearizations": 1.5}, "linearizations is no whole number"),
+        ({"cameras": np.eye(4)[None]}, "cameras are 1, for 2 views"),
+        ({"cameras": np.zeros((2, 4, 4))}, "cameras are no rigid transforms"),
+        ({"turned": np.zeros((4, 12))}, r"turned has shape \(4, 12\), not 4 x 17"),
+        ({"turned": np.zeros((3, 17))}, r"turned has shape \(3, 17\)"),
+        ({"turns": None}, "turned is given without turns"),
+        ({"status": "lost"}, "status is 'lost'"),
+        ({"status": "failed"}, "reason must say why"),
+        ({"faces": None}, "faces is missing"),
+        ({"faces": [[0, 1, 4000]]}, "faces is empty or names vertices outside"),
+        ({"vertex_sigma": np.ones(2)}, "vertex_sigma has 2 entries"),
+        ({"joint_covariance": np.eye(12)}, r"joint_covariance has shape \(12, 12\), not 17 x 17"),
+        ({"joint_covariance": np.eye(17)}, "joint_covariance contradicts"),
+        ({"joint_covariance": -np.eye(17)}, "joint_covariance is none: .*negative variance"),
+        ({"joint_covariance": np.triu(np.ones((17, 17)))}, "joint_covariance is none: .*not symmetric"),
+    ],
+)
+def test_what_cannot_be_is_refused_with_object_and_field(changes, complaint):
+    with pytest.raises(MapError, match=rf"object 7 \(chair\): {complaint}"):
+        mapped(7, **changes)
+
+
+@pytest.mark.parametrize(
+    ("changes", "complaint"),
+    [
+        ({"estimator": None}, "estimator"),
+        ({"T_world_object": None}, "T_world_object is missing"),
+        ({"scale": None}, "scale is missing"),
+        ({"code": None}, "code is missing"),
+        ({"covariance": None}, "covariance is missing"),
+        ({"code_sigma": None}, "code_sigma is missing"),
+        ({"T_world_object": np.eye(3)}, "T_world_object has shape"),
+        ({"T_world_object": np.diag([2.0, 2, 2, 1])}, "the pose must be rigid"),
+        ({"T_world_object": np.diag([1.0, 1, -1, 1])}, "the pose must be rigid"),
+        ({"scale": [1, 0, 1]}, "scale positive"),
+        ({"scale": "x"}, "scale is no array"),
+        ({"code": np.ones((2, 4))}, "code has shape"),
+        ({"covariance": np.eye(8)}, "covariance has shape"),
+        ({"covariance": np.diag([1.0] * 8 + [-1e-3])}, "covariance"),
+        ({"code_sigma": np.ones(3)}, "code_sigma"),
+    ],
+)
+def test_another_estimate_that_cannot_be_is_refused(changes, complaint):
+    with pytest.raises(MapError, match=f"other estimate.*{complaint}"):
+        other(**changes)
+
+
+@given(
+    name=st.sampled_from(["T_world_object", "scale", "code", "covariance", "code_sigma"]),
+    value=st.sampled_from([np.nan, np.inf, -np.inf]),
+    where=st.integers(0, 80),
+)
+def test_another_estimate_is_finite(name, value, where):
+    array = np.array(getattr(other(), name))
+    array.flat[where % array.size] = value
+    with pytest.raises(MapError, match=f"other estimate: {name} is not finite"):
+        other(0, **{name: array})
+
+
+@given(st.integers(0, 2**31))
+def test_another_estimate_comes_back_from_its_json(seed):
+    one = other(seed)
+    again = OtherEstimate.from_json(json.loads(json.dumps(one.to_json())))
+    assert again == one
+    for name in ("T_world_object", "scale", "code", "covariance", "code_sigma"):
+        np.testing.assert_array_equal(getattr(again, name), getattr(one, name))
+        assert not getattr(again, name).flags.writeable
+    assert one != other(seed, estimator="graph")
+    assert one != other(seed, code=one.code + 1e-9)
+    assert one != one.to_json()
+
+
+@pytest.mark.parametrize(
+    "document",
+    [None, 3, [], {}, {"estimator": "adam"}, other().to_json() | {"more": 1}],
+)
+def test_json_of_another_estimate_has_its_names_and_no_more(document):
+    with pytest.raises(MapError, match="other estimate must have estimator, T_world_object, scale, code"):
+        OtherEstimate.from_json(document)
+
+
+def test_ids_are_unique_and_up_is_a_unit_vector():
+    with pytest.raises(MapError, match=r"id \[1\]"):
+        ObjectMap("room", (mapped(1), failed(1)), UP)
+    with pytest.raises(MapError, match="up_world"):
+        ObjectMap("room", (), np.array([0, 0, 2.0]))
+
+
+def test_a_mapped_object_gives_its_state_and_its_labelled_covariance():
+    entry = mapped(4)
+    assert entry.scale is not None
+    np.testing.assert_allclose(entry.state.scale, entry.scale)
+    np.testing.assert_array_equal(entry.state.T_world_object.matrix(), entry.T_world_object)
+    covariance = entry.uncertainty
+    np.testing.assert_array_equal(covariance.matrix, entry.joint_covariance)
+    assert (covariance.source, covariance.subject) == ("marginals", "chair 4")
+    assert entry.view_cost == 3.25 / 2
+    assert mapped(4, estimator="adam").view_cost is None
+    with pytest.raises(MapError, match=r"object 4 \(chair\) has no joint covariance"):
+        _ = mapped(4, joint_covariance=None).uncertainty
+    with pytest.raises(MapError, match=r"object 9 \(table\) is not mapped: seen in 12 pixels"):
+        _ = failed().state

@@ -1,0 +1,207 @@
+"""Priors as files, and finding them by category."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import gtsam
+import numpy as np
+import pytest
+import torch
+from numpy.testing import assert_array_equal
+from safetensors import safe_open
+from safetensors.torch import load_file, save_file
+
+from factors.decoder import Decoder, DecoderConfig
+from factors.errors import FactorError
+from factors.state import ObjectKeys, ObjectState
+from objgraph.errors import PriorError
+from objgraph.graph.builder import GraphConfig, floor_factor
+from objgraph.priors.misfit import BoxMisfit
+from objgraph.priors.registry import ALIASES, WEIGHTS, available_priors, load_prior
+from objgraph.priors.shape_prior import ShapePrior
+from objgraph.priors.store import digest, save_prior
+from objgraph.training.size import USUAL, size_statistics
+
+
+@pytest.fixture
+def prior() -> ShapePrior:
+    torch.manual_seed(0)
+    decoder = Decoder(DecoderConfig(code_length=3, width=8, depth=3, skip=1, octaves=1))
+    return ShapePrior(
+        "lamp", decoder, np.arange(3.0), np.diag([1.0, 2.0, 3.0]), 0.01, 0.5, 0.2, {"data": "none"}
+    )
+
+
+def rewrite(path: Path, change) -> None:
+    """Change a saved prior's header or tensors and give it a fitting hash."""
+    tensors = load_file(path)
+    with safe_open(path, framework="pt") as file:
+        header = json.loads(file.metadata()["json"])
+    change(tensors, header)
+    save_file(tensors, path, {"json": json.dumps({**header, "sha256": digest(tensors)})})
+
+
+def test_round_trip(prior: ShapePrior, tmp_path: Path) -> None:
+    path = tmp_path / "lamp.safetensors"
+    save_prior(prior, path)
+    loaded = load_prior(path)
+    assert (loaded.category, loaded.residual_sigma, loaded.size_mean, loaded.size_log_sigma) == (
+        "lamp",
+        0.01,
+        0.5,
+        0.2,
+    )
+    assert_array_equal(loaded.code_mean, prior.code_mean)
+    assert_array_equal(loaded.code_covariance, prior.code_covariance)
+    assert loaded.decoder.config == prior.decoder.config
+    points, code = torch.rand(20, 3), torch.rand(1, 3)
+    assert_array_equal(loaded.decoder(points, code).numpy(), prior.decoder(points, code).detach().numpy())
+    assert not any(value.requires_grad for value in loaded.decoder.parameters())
+    assert loaded.card["data"] == "none"
+    assert loaded.card["frame"].startswith("y up")
+    first = path.read_bytes()
+    save_prior(loaded, path)
+    assert path.read_bytes() == first
+    assert [item.name for item in tmp_path.iterdir()] == ["lamp.safetensors"]
+
+
+@pytest.mark.parametrize("damage", ["missing", "empty", "truncated", "text", "foreign", "flipped"])
+def test_bad_file_is_named(prior: ShapePrior, tmp_path: Path, damage: str) -> None:
+    path = tmp_path / "lamp.safetensors"
+    save_prior(prior, path)
+    content = path.read_bytes()
+    if damage == "missing":
+        path.unlink()
+    elif damage == "foreign":
+        save_file({"a": torch.zeros(3)}, path)
+    else:
+        flipped = content[:-5] + bytes([content[-5] ^ 1]) + content[-4:]
+        path.write_bytes(
+            {"empty": b"", "truncated": content[:-9], "text": b"no weights" * 50, "flipped": flipped}[damage]
+        )
+    with pytest.raises(PriorError, match=r"lamp\.safetensors"):
+        load_prior(path)
+
+
+def test_wrong_code_length(prior: ShapePrior, tmp_path: Path) -> None:
+    path = tmp_path / "lamp.safetensors"
+    save_prior(replace(prior, code_mean=np.zeros(5)), path)
+    with pytest.raises(PriorError, match="do not fit a decoder of 3-dimensional codes"):
+        load_prior(path)
+    with pytest.raises(FactorError, match="do not fit this decoder"):
+        prior.decoder(torch.zeros(1, 3), torch.zeros(1, 5))
+
+
+def test_what_was_measured_of_boxes_is_kept(prior: ShapePrior, tmp_path: Path) -> None:
+    path = tmp_path / "lamp.safetensors"
+    measured = BoxMisfit(0.001, 0.02, 0.003, 1.5, 40.0)
+    save_prior(replace(prior, box_misfit=measured), path)
+    assert load_prior(path).box_misfit == measured
+    rewrite(path, lambda tensors, header: header.pop("box_misfit"))  # files of before it was kept
+    assert load_prior(path).box_misfit == BoxMisfit()
+    own = replace(prior, category="chair", box_misfit=measured)  # whatever the shipped prior of that name has
+    save_prior(own, path)
+    assert load_prior(path).box_misfit == measured
+
+
+def test_what_was_measured_of_surfaces_is_kept(prior: ShapePrior, tmp_path: Path) -> None:
+    path = tmp_path / "lamp.safetensors"
+    save_prior(replace(prior, surface_misfit=2.5), path)
+    assert load_prior(path).surface_misfit == 2.5
+    rewrite(path, lambda tensors, header: header.pop("surface_misfit"))  # files of before it was kept
+    assert load_prior(path).surface_misfit == 1.0
+
+
+def test_not_finite_weights(prior: ShapePrior, tmp_path: Path) -> None:
+    path = tmp_path / "lamp.safetensors"
+    save_prior(replace(prior, residual_sigma=float("nan")), path)
+    with pytest.raises(PriorError, match="not finite"):
+        load_prior(path)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda tensors, header: header.update(format="objgraph-prior-0"),
+        lambda tensors, header: header.update(decoder={"width": 8}),
+        lambda tensors, header: header.update(decoder={"colour": 8}),
+        lambda tensors, header: header.update(decoder={"depth": 2, "skip": 4}),
+        lambda tensors, header: header.pop("size_mean"),
+        lambda tensors, header: tensors.pop("decoder.output.bias"),
+        lambda tensors, header: tensors.pop("code_mean"),
+        lambda tensors, header: header.update(box_misfit={"centre": -0.1}),
+        lambda tensors, header: header.update(box_misfit={"colour": 0.1}),
+        lambda tensors, header: header.update(box_misfit=[0.1]),
+        lambda tensors, header: header.update(box_misfit={"view_cost": 0.0}),
+        lambda tensors, header: header.update(box_misfit={"marginals": float("inf")}),
+        lambda tensors, header: header.update(surface_misfit=0.0),
+        lambda tensors, header: header.update(surface_misfit=float("inf")),
+        lambda tensors, header: header.update(surface_misfit="much"),
+    ],
+)
+def test_header_that_does_not_fit_the_weights(prior: ShapePrior, tmp_path: Path, change) -> None:
+    path = tmp_path / "lamp.safetensors"
+    save_prior(prior, path)
+    load_prior(path)
+    rewrite(path, change)
+    with pytest.raises(PriorError, match=r"lamp\.safetensors"):
+        load_prior(path)
+
+
+def test_unknown_category_names_those_there_are() -> None:
+    with pytest.raises(PriorError, match="no shape prior for category 'zebra'; available: car, chair, table"):
+        load_prior("zebra")
+
+
+def test_shipped_priors() -> None:
+    assert available_priors() == ("car", "chair", "table")
+    for category in available_priors():
+        prior = load_prior(category)
+        assert prior.category == category
+        assert (WEIGHTS / f"{category}.safetensors").stat().st_size < 4_000_000
+        assert np.linalg.eigvalsh(prior.code_covariance).min() > 0
+        assert 0 < prior.residual_sigma < 0.02
+        assert prior.card["heldout"]["collected"]
+        # of cars nothing was measured
+        assert (prior.box_misfit == BoxMisfit()) == (prior.surface_misfit == 1.0) == (category == "car")
+        with torch.no_grad():
+            code = torch.from_numpy(prior.code_mean[None]).float()
+            corners = 0.55 * torch.cartesian_prod(*[torch.tensor([-1.0, 1.0])] * 3)
+            assert (prior.decoder(corners, code) > 0.05).all()
+        attribution = (WEIGHTS / "ATTRIBUTION.txt").read_text()
+        assert all(entry["file"] in attribution for entry in prior.card["data"]["collected"])
+
+
+def test_what_need_not_stand_has_no_feet() -> None:
+    chair = load_prior("chair")
+    assert chair.box is not None
+    assert chair.feet == pytest.approx(chair.box[1] / 2)
+    assert replace(chair, box=None).feet is None
+    lamp = replace(chair, card=chair.card | {"stands": False})
+    assert lamp.feet is None
+    keys, lifted = ObjectKeys.numbered(0), gtsam.Values()
+    place = gtsam.Pose3(gtsam.Rot3.Rx(np.pi / 2), np.array([0.0, 0.0, 2.0]))
+    ObjectState(place, np.zeros(3), chair.code_mean).insert(lifted, keys)
+    up, config = np.array([0.0, 0.0, 1.0]), GraphConfig()
+    costs = [floor_factor(prior, keys, up, 0.0, config).loss(lifted) for prior in (chair, lamp)]
+    assert costs[0] > 10
+    assert costs[1] == pytest.approx(0.0, abs=1e-6)
+
+
+def test_aliases_lead_to_shipped_priors() -> None:
+    assert set(ALIASES.values()) <= set(available_priors())
+    assert load_prior("Office Chair").category == "chair"
+
+
+def test_size_statistics() -> None:
+    mean, sigma, _ = size_statistics("chair", [])
+    assert (mean, sigma) == pytest.approx(USUAL["chair"])
+    mean, sigma, _ = size_statistics(
+        "lamp", [(1.0, 0.0, 0.0), (0.5, 0.0, 0.0), (2.0, 0.0, 0.0), (90.0, 0.0, 0.0)]
+    )
+    assert mean == pytest.approx(1.0)
+    assert sigma == pytest.approx(np.log(2) * np.sqrt(2 / 3))
+    assert size_statistics("lamp", [])[1] >= 0.5
+    # a model car of half a metre says nothing about cars
+    assert size_statistics("car", [(0.2, 0.2, 0.4)])[:2] == pytest.approx(USUAL["car"])
