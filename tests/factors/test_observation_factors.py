@@ -219,15 +219,17 @@ def test_bad_points_are_refused(points):
 
 
 @pytest.mark.parametrize("variable_camera", [False, True])
-def test_rays_that_all_miss_the_object_say_nothing(variable_camera):
+@pytest.mark.parametrize("hits", [False, True])
+def test_rays_that_all_miss_the_object_pull_it_nowhere_and_only_hits_cost(hits, variable_camera):
     factor, values = problem("depth-full", variable_camera, seed=5)
+    factor._rays = factor._rays.take(np.flatnonzero(factor._rays.hit == hits))
     T = values.atPose3(KEYS.pose)
     values.update(KEYS.pose, gtsam.Pose3(T.rotation(), T.translation() + np.array([50.0, 0, 0])))
     factor.refresh(values)
     prefetch([factor], values, jacobian=True)
     graph = gtsam.NonlinearFactorGraph()
     graph.push_back(factor.gtsam_factor())
-    assert graph.error(values) == 0
+    assert (graph.error(values) > 1) if hits else (graph.error(values) == 0)
     assert np.abs(graph.linearize(values).jacobian()[0]).max() == 0
 
 
