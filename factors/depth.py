@@ -84,10 +84,11 @@ class DepthFactor(ObservationFactor):
         weighting: Weighting | None = None,
         sampling: RaySampling | None = None,
         half_box: float | Float[np.ndarray, "3"] = BOX_HALF_SIZE,
+        body_T_camera: gtsam.Pose3 | None = None,
     ) -> None:
         """`prior_sigma` is the decoder's standard deviation in canonical units; `half_box` are half the edges of the
         canonical box that holds the shapes: rays are cut within it."""
-        super().__init__(keys, decoder, camera)
+        super().__init__(keys, decoder, camera, body_T_camera)
         self._rays = rays
         self._renderer = renderer or FullDistribution()
         self._prior_sigma = prior_sigma

@@ -1,5 +1,6 @@
 """An object that leaves the view explains nothing of it: whatever the renderer and the estimator, that costs."""
 
+import itertools
 from dataclasses import replace
 
 import gtsam
@@ -84,7 +85,7 @@ def test_beyond_the_overlap_what_should_be_hit_never_costs_less_with_the_distanc
     away = in_world(view, direction)
     found = [LOSSES[estimator](name, view, metres * away) for metres in sorted(distances)]
     # a ray's spread is that at its nearest sample, which differs a little between rays in the box and out of it
-    assert all(after >= 0.995 * before for before, after in zip(found, found[1:], strict=False))
+    assert all(after >= 0.995 * before for before, after in itertools.pairwise(found))
 
 
 def test_an_object_behind_what_is_seen_does_not_explain_it():
