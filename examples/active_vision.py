@@ -42,7 +42,7 @@ from objgraph.covariance.box import box_pose
 from objgraph.errors import ObjectGraphError, ObservationError
 from objgraph.estimate.graph import GraphEstimator
 from objgraph.estimate.task import Estimate, EstimationTask
-from objgraph.graph.builder import GraphConfig
+from objgraph.graph.builder import ObjectBuilder
 from objgraph.graph.initialise import InitialisationConfig, guesses, rank
 from objgraph.maps.pipeline import scene_floor
 from objgraph.observation.frames import Frame, FrameSource, Scan
@@ -118,7 +118,7 @@ class Subject:
         """From all views, beginning where the last estimate ended and at the best fresh guess."""
         settings = InitialisationConfig() if start is None else FRESH
         states = guesses(self.prior, views, UP, self.floor, settings)
-        fresh, _ = rank(self.prior, views, states, UP, self.floor, settings, GraphConfig())
+        fresh, _ = rank(self.prior, views, states, ObjectBuilder(up_world=UP, floor=self.floor), settings)
         starts = (*fresh[:1], *([start] if start is not None else []))
         task = EstimationTask(self.case.id, self.prior, starts, tuple(views), UP, self.floor)
         (result,) = GraphEstimator().estimate([task])

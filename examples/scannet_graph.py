@@ -30,7 +30,7 @@ from objgraph.bench.metrics.tables import evaluation_table
 from objgraph.covariance.posterior import marginals
 from objgraph.covariance.surface import surface_sigma
 from objgraph.datasets.registry import load_scan
-from objgraph.graph.builder import GraphConfig
+from objgraph.graph.builder import GraphConfig, ObjectBuilder
 from objgraph.graph.initialise import InitialisationConfig, guesses, rank
 from objgraph.graph.solve import LevenbergMarquardtConfig, Problem, minimize
 from objgraph.maps.mapped_object import MappedObject
@@ -83,7 +83,7 @@ def main(arguments: Arguments) -> None:
         # First guess: the prior's mean shape, tried at eight headings on a few points and rays.
         states = guesses(prior, views, scan.up_world, floor, InitialisationConfig())
         (state, *_), _ = rank(
-            prior, views, states, scan.up_world, floor, InitialisationConfig(), GraphConfig()
+            prior, views, states, ObjectBuilder(GraphConfig(), scan.up_world, floor), InitialisationConfig()
         )
 
         # Variables o{i} (Pose3), s{i} (log-scale), z{i} (shape code), and what is known of them beforehand.

@@ -10,8 +10,8 @@ from objgraph.covariance.heading_modes import Turns
 from objgraph.errors import ObjectGraphError, SolveError
 from objgraph.estimate.heading_modes import QuarterTurnsConfig, quarter_turns
 from objgraph.estimate.task import Estimate, EstimationTask, unusable
-from objgraph.graph.builder import GraphConfig
-from objgraph.graph.single_object import SingleObject, single_object
+from objgraph.graph.builder import GraphConfig, ObjectBuilder
+from objgraph.graph.single_object import SingleObject
 from objgraph.graph.solve import SolverConfig, solve
 
 
@@ -38,17 +38,19 @@ class GraphEstimator:
     ) -> list[Estimate | SolveError]:
         attempts = [_Attempts(task, [self._single(task, start) for start in task.starts]) for task in tasks]
         first = replace(self.solver, slopes=self.solver.slopes[:1], rounds=1)
-        solve([single.problem for attempt in attempts for single in attempt.tried], first)
+        solve([single for attempt in attempts for single in attempt.tried], first)
         last = self.solver.slopes[-1]
         for attempt in attempts:
             attempt.choose_cheapest(last)
-        solve([attempt.chosen.problem for attempt in attempts if attempt.is_good], self.solver, progress)
+        solve([attempt.chosen for attempt in attempts if attempt.is_good], self.solver, progress)
         if self.turns is not None:
             self._turn([attempt for attempt in attempts if attempt.is_good], self.turns)
         return [attempt.estimate(last) for attempt in attempts]
 
     def _single(self, task: EstimationTask, start: ObjectState) -> SingleObject:
-        return single_object(task.prior, start, task.views, task.up_world, task.floor, self.graph, task.box)
+        return ObjectBuilder(self.graph, task.up_world, task.floor).alone(
+            task.prior, start, task.views, task.box
+        )
 
     def _turn(self, attempts: Sequence["_Attempts"], config: QuarterTurnsConfig) -> None:
         """Solve to the end what costs less turned, take it where it still does by enough, and say how likely other headings are."""
@@ -64,12 +66,12 @@ class GraphEstimator:
             if found.cheapest != 0 and state is not None:
                 turns = found.turns(found.cheapest, config.temperature)
                 better.append((attempt, self._single(attempt.task, state), turns))
-        solve([single.problem for _, single, _ in better], self.solver)
+        solve([single for _, single, _ in better], self.solver)
         for attempt, single, turns in better:
             attempt.tried.append(single)
             # few points often prefer a heading that all of them do not, and less than a believed nat is chance
-            enough = attempt.chosen.problem.cost - config.temperature
-            if single.problem.failure is None and single.problem.cost < enough:
+            enough = attempt.chosen.cost - config.temperature
+            if single.failure is None and single.cost < enough:
                 attempt.chosen, attempt.turns = single, turns
 
 
@@ -88,20 +90,20 @@ class _Attempts:
 
     @property
     def is_good(self) -> bool:
-        return self.chosen.problem.failure is None
+        return self.chosen.failure is None
 
     def choose_cheapest(self, slope: float) -> None:
         """... and say what it cost at its start, at the slope at which the end will be judged."""
-        solved = [single for single in self.tried if single.problem.failure is None]
-        self.chosen = min(solved or self.tried[:1], key=lambda single: single.problem.cost)
+        solved = [single for single in self.tried if single.failure is None]
+        self.chosen = min(solved or self.tried[:1], key=lambda single: single.cost)
         if self.is_good:
             try:
                 self.cost_initial = self.chosen.cost_of_start(slope)
             except (ObjectGraphError, RuntimeError) as error:
-                self.chosen.problem.failure = str(error)
+                self.chosen.failure = str(error)
 
     def estimate(self, slope: float) -> Estimate | SolveError:
-        problem = self.chosen.problem
+        problem = self.chosen
         if problem.failure is not None:
             return SolveError(f"{self.task.name}: {problem.failure}")
         try:
@@ -113,8 +115,8 @@ class _Attempts:
             covariance,
             self.cost_initial,
             problem.cost,
-            self.linearizations + sum(single.problem.linearizations for single in self.tried),
-            self.error_evaluations + sum(single.problem.error_evaluations for single in self.tried),
+            self.linearizations + sum(single.linearizations for single in self.tried),
+            self.error_evaluations + sum(single.error_evaluations for single in self.tried),
             problem.cost / len(self.task.views),
             self.turns,
         )

@@ -11,9 +11,9 @@ from factors.depth import RaySampling
 from factors.state import ObjectState
 from objgraph.covariance.heading_modes import QUARTERS, Turns
 from objgraph.estimate.task import EstimationTask
-from objgraph.graph.builder import GraphConfig
+from objgraph.graph.builder import GraphConfig, ObjectBuilder
 from objgraph.graph.initialise import free_points, misfit
-from objgraph.graph.single_object import SingleObject, single_object
+from objgraph.graph.single_object import SingleObject
 from objgraph.graph.solve import LevenbergMarquardtConfig, SolverConfig, solve
 from objgraph.priors.shape_prior import ShapePrior
 
@@ -75,7 +75,7 @@ def quarter_turns(
     attempts = [
         _attempts(task, estimate, graph, config) for task, estimate in zip(tasks, estimates, strict=True)
     ]
-    solve([single.problem for several in attempts for _, single in several], config.solver)
+    solve([single for several in attempts for _, single in several], config.solver)
     return [_best(several) if several else None for several in attempts]
 
 
@@ -104,11 +104,8 @@ def _attempts(
         view.thinned(config.points // share, config.rays // share, seed=i)
         for i, view in enumerate(task.views)
     ]
-    settings = replace(graph, sampling=config.sampling)
-    return [
-        (quarter, single_object(prior, state, thin, task.up_world, task.floor, settings))
-        for quarter, state in tried
-    ]
+    cheap = ObjectBuilder(replace(graph, sampling=config.sampling), task.up_world, task.floor)
+    return [(quarter, cheap.alone(prior, state, thin)) for quarter, state in tried]
 
 
 def turned(
@@ -130,9 +127,9 @@ def _best(attempts: Sequence[tuple[int, SingleObject]]) -> Turned:
     costs = np.full(QUARTERS, np.inf)
     states: list[ObjectState | None] = [None] * QUARTERS
     for quarter, single in attempts:
-        if single.problem.failure is None and single.problem.cost < costs[quarter]:
-            costs[quarter], states[quarter] = single.problem.cost, single.state
-    problems = [single.problem for _, single in attempts]
+        if single.failure is None and single.cost < costs[quarter]:
+            costs[quarter], states[quarter] = single.cost, single.state
+    problems = [single for _, single in attempts]
     return Turned(
         costs,
         tuple(states),

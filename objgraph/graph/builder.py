@@ -1,5 +1,6 @@
-"""The factors of one object: what is known of it beforehand, and what each view says."""
+"""The one place where an object's factors are put together: what is known of it beforehand, and what each view says."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -14,11 +15,11 @@ from factors.floor import SPACING, FloorFactor, floor_share
 from factors.full_distribution import FullDistribution
 from factors.gaussian_depth import Deterministic, Probabilistic, Sampled
 from factors.priors import code_prior, placed_prior, scale_prior, sized_prior, upright_prior
-from factors.rays import Rays
 from factors.rendering import Renderer
-from factors.state import ObjectKeys
+from factors.state import ObjectKeys, ObjectState
 from factors.surface import SurfaceFactor
 from factors.weighting import Weighting
+from objgraph.graph.single_object import ALONE, SingleObject
 from objgraph.observation.sampling import ObjectView
 from objgraph.priors.shape_prior import ShapePrior
 
@@ -82,72 +83,105 @@ _DETECTORS_LEAN = 0.3
 """Radians: a detector's boxes are level, which says next to nothing of how its object leans."""
 
 
-def detection_priors(prior: ShapePrior, keys: ObjectKeys, box: DetectedBox) -> list[gtsam.NonlinearFactor]:
-    """What a detector says of an object's place and size."""
-    return [
-        placed_prior(keys, box.T_world_object, box.heading_sigma, _DETECTORS_LEAN, box.position_sigma),
-        sized_prior(keys, box.log_scale(prior), box.size_sigma),
-    ]
+@dataclass(frozen=True, eq=False)
+class ObjectBuilder:
+    """Makes the factors of objects in one scene, for whichever graph they go into."""
 
+    config: GraphConfig = field(default_factory=GraphConfig)
+    up_world: Float[np.ndarray, "3"] | None = None
+    """Unit vector against gravity, where it is known."""
+    floor: float | None = None
+    """The floor's height along `up_world`, metres, where it is known."""
 
-def state_priors(
-    prior: ShapePrior, keys: ObjectKeys, config: GraphConfig, up_world: Float[np.ndarray, "3"] | None
-) -> list[gtsam.NonlinearFactor]:
-    """Priors on the object's code, on its scale and, with `up_world`, on its lean."""
-    anisotropy = prior.anisotropy_sigma or config.anisotropy_sigma
-    factors = [
-        code_prior(keys, prior.code_mean, config.code_spread**2 * prior.code_covariance),
-        scale_prior(keys, np.log(prior.size_mean), prior.size_log_sigma, anisotropy),
-    ]
-    if up_world is not None:
-        factors.append(upright_prior(keys, up_world, config.upright_sigma))
-    return factors
+    def priors(
+        self, prior: ShapePrior, keys: ObjectKeys, box: DetectedBox | None = None
+    ) -> list[gtsam.NonlinearFactor]:
+        """What is known of code and scale, of the lean where up is known, and what a detector's box says."""
+        anisotropy = prior.anisotropy_sigma or self.config.anisotropy_sigma
+        factors = [
+            code_prior(keys, prior.code_mean, self.config.code_spread**2 * prior.code_covariance),
+            scale_prior(keys, np.log(prior.size_mean), prior.size_log_sigma, anisotropy),
+        ]
+        if self.up_world is not None:
+            factors.append(upright_prior(keys, self.up_world, self.config.upright_sigma))
+        if box is not None:
+            factors += [
+                placed_prior(
+                    keys, box.T_world_object, box.heading_sigma, _DETECTORS_LEAN, box.position_sigma
+                ),
+                sized_prior(keys, box.log_scale(prior), box.size_sigma),
+            ]
+        return factors
 
+    def view(
+        self,
+        prior: ShapePrior,
+        keys: ObjectKeys,
+        view: ObjectView,
+        camera: gtsam.Pose3 | int,
+        body_T_camera: gtsam.Pose3 | None = None,
+    ) -> list[ObservationFactor]:
+        """The 3D and the 2D factor of one view.
 
-def view_factors(
-    prior: ShapePrior, keys: ObjectKeys, view: ObjectView, camera: gtsam.Pose3 | int, config: GraphConfig
-) -> list[ObservationFactor]:
-    """The 3D and the 2D factor of one view; `camera` is T_world_camera or the key of a `Pose3` that holds it."""
-    surface = SurfaceFactor(
-        keys, prior.decoder, camera, view.points_camera, view.points_sigma,
-        prior_sigma=prior.residual_sigma, weighting=_weighting(view.points_share, config),
-    )  # fmt: skip
-    return [surface, ray_factor(prior, keys, camera, view.rays, view.rays_share, config)]
+        `camera` is T_world_camera or the key of a `Pose3` that holds it; with `body_T_camera` that of the body.
+        """
+        surface = SurfaceFactor(
+            keys, prior.decoder, camera, view.points_camera, view.points_sigma,
+            prior_sigma=prior.residual_sigma, weighting=self._weighting(view.points_share),
+            body_T_camera=body_T_camera,
+        )  # fmt: skip
+        depth = DepthFactor(
+            keys, prior.decoder, camera, view.rays,
+            renderer=RENDERERS[self.config.renderer], prior_sigma=prior.residual_sigma,
+            sampling=self.config.sampling, weighting=self._weighting(view.rays_share),
+            half_box=prior.half_box(self.config.tight_box), body_T_camera=body_T_camera,
+        )  # fmt: skip
+        return [surface, depth]
 
+    def box(self, prior: ShapePrior, keys: ObjectKeys) -> list[FilledBoxFactor]:
+        """The object's shape is as large as the box that all of the prior's fill; nothing where they have none."""
+        if prior.box is None or self.config.sides is None:
+            return []
+        return [FilledBoxFactor(keys, prior.decoder, prior.box, self.config.sides * prior.residual_sigma)]
 
-def floor_factor(
-    prior: ShapePrior, keys: ObjectKeys, up_world: Float[np.ndarray, "3"], floor: float, config: GraphConfig
-) -> FloorFactor:
-    """Nothing of the object lies below the floor, whose height along `up_world` is `floor`, and what has feet stands."""
-    return FloorFactor(
-        keys, prior.decoder, up_world, floor, sigma=config.floor_sigma, spacing=config.floor_spacing, stands=prior.feet, renderer=RENDERERS[config.renderer],
-        prior_sigma=prior.residual_sigma, weighting=_weighting(floor_share(config.floor_spacing), config),
-        half_box=prior.half_box(config.tight_box),
-    )  # fmt: skip
+    def standing(self, prior: ShapePrior, keys: ObjectKeys) -> list[FloorFactor]:
+        """Nothing of the object lies below the floor, and what has feet stands on it; nothing where the floor is unknown."""
+        if self.floor is None or self.up_world is None:
+            return []
+        config = self.config
+        return [
+            FloorFactor(
+                keys, prior.decoder, self.up_world, self.floor,
+                sigma=config.floor_sigma, spacing=config.floor_spacing, stands=prior.feet,
+                renderer=RENDERERS[config.renderer], prior_sigma=prior.residual_sigma,
+                weighting=self._weighting(floor_share(config.floor_spacing)),
+                half_box=prior.half_box(config.tight_box),
+            )
+        ]  # fmt: skip
 
+    def alone(
+        self,
+        prior: ShapePrior,
+        state: ObjectState,
+        views: Sequence[ObjectView],
+        box: DetectedBox | None = None,
+    ) -> SingleObject:
+        """One object at `state` in a graph of its own, its views from cameras that are known, and a detector's box.
 
-def box_factor(prior: ShapePrior, keys: ObjectKeys, config: GraphConfig) -> list[FilledBoxFactor]:
-    """The object's shape is as large as the box that all of the prior's fill; nothing where they have none."""
-    if prior.box is None or config.sides is None:
-        return []
-    return [FilledBoxFactor(keys, prior.decoder, prior.box, config.sides * prior.residual_sigma)]
+        Raises:
+            FactorError: the state or a view cannot be used.
+        """
+        graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
+        state.insert(values, ALONE)
+        for factor in self.priors(prior, ALONE, box):
+            graph.push_back(factor)
+        factors: list[ObservationFactor] = [
+            factor for view in views for factor in self.view(prior, ALONE, view, view.T_world_camera)
+        ]
+        factors += [*self.box(prior, ALONE), *self.standing(prior, ALONE)]
+        for factor in factors:
+            graph.push_back(factor.gtsam_factor())
+        return SingleObject(prior.category, graph, values, factors, start=values)
 
-
-def ray_factor(
-    prior: ShapePrior,
-    keys: ObjectKeys,
-    camera: gtsam.Pose3 | int,
-    rays: Rays,
-    share: Float[np.ndarray, "r"],
-    config: GraphConfig,
-) -> DepthFactor:
-    """A 2D factor alone; `share` is the part of an independent measurement that each ray is."""
-    return DepthFactor(
-        keys, prior.decoder, camera, rays,
-        renderer=RENDERERS[config.renderer], prior_sigma=prior.residual_sigma,
-        sampling=config.sampling, weighting=_weighting(share, config), half_box=prior.half_box(config.tight_box),
-    )  # fmt: skip
-
-
-def _weighting(share: float | Float[np.ndarray, "n"], config: GraphConfig) -> Weighting:
-    return Weighting("information", np.minimum(1.0, config.evidence * np.asarray(share)))
+    def _weighting(self, share: float | Float[np.ndarray, "n"]) -> Weighting:
+        return Weighting("information", np.minimum(1.0, self.config.evidence * np.asarray(share)))

@@ -14,10 +14,10 @@ from jaxtyping import Float
 
 from factors.depth import RaySampling
 from factors.state import ObjectState
-from objgraph.errors import InitialisationError
-from objgraph.graph.builder import GraphConfig
+from objgraph.errors import InitialisationError, ObservationError
+from objgraph.graph.builder import ObjectBuilder
 from objgraph.graph.initial_box import gravity_box, smallest_heading
-from objgraph.graph.single_object import single_object
+from objgraph.graph.single_object import SingleObject
 from objgraph.graph.solve import LevenbergMarquardtConfig, Problem, SolverConfig, solve
 from objgraph.observation.sampling import ObjectView
 from objgraph.priors.shape_prior import ShapePrior
@@ -48,6 +48,21 @@ class InitialisationConfig:
     """Guesses that go on to the full solution."""
     floor_reach: float = 0.8
     """An object whose lowest seen point is less than this above the floor stands on it, metres."""
+
+
+def first_states(
+    prior: ShapePrior, views: Sequence[ObjectView], builder: ObjectBuilder, config: InitialisationConfig
+) -> tuple[list[ObjectState], list[SingleObject]]:
+    """Where an object may be by its views at known cameras, the likeliest first, and the problems solved to find out.
+
+    Raises:
+        ObservationError: it is not known which way is up.
+        InitialisationError: there are too few points, or no guess can be solved.
+    """
+    if builder.up_world is None:
+        raise ObservationError("to place an object by its views, say which way is up (up_world=...)")
+    states = guesses(prior, views, builder.up_world, builder.floor, config)
+    return rank(prior, views, states, builder, config)
 
 
 def guesses(
@@ -143,11 +158,9 @@ def rank(
     prior: ShapePrior,
     views: Sequence[ObjectView],
     states: Sequence[ObjectState],
-    up_world: Float[np.ndarray, "3"],
-    floor: float | None,
+    builder: ObjectBuilder,
     config: InitialisationConfig,
-    graph_config: GraphConfig,
-) -> tuple[list[ObjectState], list[Problem]]:
+) -> tuple[list[ObjectState], list[SingleObject]]:
     """The best of `states` after a cheap solution of each, cheapest first, and the problems that were solved.
 
     Of several that came to the same heading only the cheapest is kept.
@@ -160,9 +173,8 @@ def rank(
         view.thinned(config.points // share, config.rays // share, seed=i) for i, view in enumerate(views)
     ]
     # starting shapes fill their box: a few steps from them need not be told
-    settings = replace(graph_config, sampling=config.sampling, sides=None)
-    singles = [single_object(prior, state, thin, up_world, floor, settings) for state in states]
-    problems = [single.problem for single in singles]
+    cheap = replace(builder, config=replace(builder.config, sampling=config.sampling, sides=None))
+    problems = [cheap.alone(prior, state, thin) for state in states]
     solve(problems, SolverConfig((config.slope,), 1, inner=config.inner))
     shortlist = sorted(_solved(problems), key=lambda i: problems[i].cost)[: config.shortlist]
     solve([problems[i] for i in shortlist], SolverConfig((config.slope,), 2, inner=config.inner))
@@ -171,7 +183,7 @@ def rank(
         raise InitialisationError(f"none of {len(states)} guesses could be solved: {problems[0].failure}")
     best = []
     for i in sorted(shortlist, key=lambda i: problems[i].cost):
-        state = singles[i].state
+        state = problems[i].state
         if not any(_same_heading(state, other) for other in best):
             best.append(state)
     return best[: config.keep], problems

@@ -1,7 +1,7 @@
 """Objects inside a GTSAM graph that the caller owns."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import gtsam
 import numpy as np
@@ -12,21 +12,13 @@ from scipy.sparse.csgraph import connected_components
 from factors.base import Annealing, ObservationFactor
 from factors.errors import FactorError
 from factors.keys import readable_key
-from factors.rays import Rays
 from factors.state import ObjectKeys, ObjectState
 from objgraph.covariance.labelled import ObjectCovariance
 from objgraph.covariance.posterior import Posterior
 from objgraph.diagnostics.undetermined import require_values
-from objgraph.errors import ObservationError, SolveError
-from objgraph.graph.builder import (
-    GraphConfig,
-    box_factor,
-    floor_factor,
-    ray_factor,
-    state_priors,
-    view_factors,
-)
-from objgraph.graph.initialise import InitialisationConfig, guesses, rank
+from objgraph.errors import ObjectGraphError, ObservationError, SolveError
+from objgraph.graph.builder import DetectedBox, GraphConfig, ObjectBuilder
+from objgraph.graph.initialise import InitialisationConfig, first_states
 from objgraph.graph.solve import Problem, SolverConfig, solve
 from objgraph.observation.sampling import ObjectView
 from objgraph.priors.registry import prior_for
@@ -71,9 +63,8 @@ class ObjectGraph:
         """`up_world` is the unit vector against gravity, `floor` the floor's height along it, where they are known."""
         self.graph = graph
         self.values = values
-        self.config = config or GraphConfig()
-        self.up_world = None if up_world is None else np.asarray(up_world, float)
-        self.floor = floor
+        up_world = None if up_world is None else np.asarray(up_world, float)
+        self.builder = ObjectBuilder(config or GraphConfig(), up_world, floor)
         self.initialisation = initialisation or InitialisationConfig()
         self.objects: list[ObjectHandle] = []
 
@@ -83,6 +74,7 @@ class ObjectGraph:
         start: ObjectState | ObjectView | Sequence[ObjectView],
         *,
         up_world: Float[np.ndarray, "3"] | None = None,
+        box: DetectedBox | None = None,
         keys: ObjectKeys | None = None,
         name: str | None = None,
     ) -> ObjectHandle:
@@ -90,7 +82,8 @@ class ObjectGraph:
 
         `prior` is a shape prior or the name of a category. `start` is the first estimate, or views of the object
         from which to find one: each as seen from its own `T_world_camera` (`ObjectView.at` sets another). The views
-        add no factor of theirs: `observe` does. `up_world` stands in for the graph's own.
+        add no factor of theirs: `observe` does. `up_world` stands in for the graph's own. `box` is a detector's, as a
+        measurement of place and size.
 
         Raises:
             FactorError: one of the keys is already in the values.
@@ -98,43 +91,51 @@ class ObjectGraph:
             InitialisationError: the views do not suffice to place the object.
         """
         prior = prior_for(prior) if isinstance(prior, str) else prior
-        up_world = self.up_world if up_world is None else np.asarray(up_world, float)
+        builder = (
+            self.builder if up_world is None else replace(self.builder, up_world=np.asarray(up_world, float))
+        )
         name = name or f"{prior.category} {len(self.objects)}"
         views = [] if isinstance(start, ObjectState) else _several(start)
-        state = (
-            start if isinstance(start, ObjectState) else self._first_estimate(name, prior, views, up_world)
-        )
+        state = start if isinstance(start, ObjectState) else self._placed(name, prior, views, builder)
         handle = ObjectHandle(name, keys or ObjectKeys.numbered(self._free_index()), prior)
         state.insert(self.values, handle.keys)
-        for factor in state_priors(prior, handle.keys, self.config, up_world):
+        for factor in builder.priors(prior, handle.keys, box):
             self._push(handle, factor)
-        self.add_factors(handle, box_factor(prior, handle.keys, self.config))
+        self.add_factors(handle, builder.box(prior, handle.keys))
         self.objects.append(handle)
-        if views and self.floor is not None:
+        if views and builder.floor is not None:
             self.stand_on_floor(handle)
         return handle
 
     def observe(
-        self, handle: ObjectHandle, view: ObjectView, camera: gtsam.Pose3 | int | None = None
+        self,
+        handle: ObjectHandle,
+        view: ObjectView,
+        camera: gtsam.Pose3 | int | None = None,
+        *,
+        body_T_camera: gtsam.Pose3 | None = None,
     ) -> None:
         """Add the 3D and the 2D factor of one view.
 
-        `camera` is T_world_camera, or the key of a `Pose3` that holds it; by default the view's own pose.
+        `camera` is T_world_camera, or the key of a `Pose3` that holds it; by default the view's own pose. With
+        `body_T_camera` it is the pose, or its key, of the body that the camera is fixed on.
+
+        Raises:
+            ObservationError: `body_T_camera` is given, but not the body's pose.
         """
+        if camera is None and body_T_camera is not None:
+            raise ObservationError(
+                f"{handle.name}: with body_T_camera, `camera` must be the body's pose or its key"
+            )
         camera = view.T_world_camera if camera is None else camera
-        for factor in view_factors(handle.prior, handle.keys, view, camera, self.config):
-            self._add(handle, factor)
+        self.add_factors(handle, self.builder.view(handle.prior, handle.keys, view, camera, body_T_camera))
         handle.views.append(view.frame)
 
     def add_factors(self, handle: ObjectHandle, factors: Sequence[ObservationFactor]) -> None:
         """Add observation factors on the object's keys that were made elsewhere."""
         for factor in factors:
-            self._add(handle, factor)
-
-    def add_free_rays(self, handle: ObjectHandle, camera: gtsam.Pose3 | int, rays: Rays) -> None:
-        """Add a 2D factor alone, of rays each of which is one independent measurement."""
-        share = np.ones(len(rays.depth))
-        self._add(handle, ray_factor(handle.prior, handle.keys, camera, rays, share, self.config))
+            self._push(handle, factor.gtsam_factor())
+            handle.factors.append(factor)
 
     def stand_on_floor(self, handle: ObjectHandle) -> None:
         """Add what the floor says: nothing of the object lies below it.
@@ -142,12 +143,12 @@ class ObjectGraph:
         Raises:
             ObservationError: the graph was not told where the floor is, or which way is up.
         """
-        if self.floor is None or self.up_world is None:
+        standing = self.builder.standing(handle.prior, handle.keys)
+        if not standing:
             raise ObservationError(
                 f"{handle.name}: say where the floor is (ObjectGraph(up_world=..., floor=...))"
             )
-        floor = floor_factor(handle.prior, handle.keys, self.up_world, self.floor, self.config)
-        self._add(handle, floor)
+        self.add_factors(handle, standing)
 
     def remove_object(self, handle: ObjectHandle) -> None:
         """Take the object's variables and factors out again; the caller's stay as they are.
@@ -246,22 +247,18 @@ class ObjectGraph:
             graph, values = self.graph, self.values
         return Posterior(graph, values, [each.keys for each in self.objects]).joint_covariance(keys)
 
-    def _first_estimate(
+    def _placed(
         self,
         name: str,
         prior: ShapePrior,
         views: Sequence[ObjectView],
-        up_world: Float[np.ndarray, "3"] | None,
+        builder: ObjectBuilder,
     ) -> ObjectState:
-        if up_world is None:
-            raise ObservationError(f"{name}: to place it by its views, say which way is up (up_world=...)")
-        states = guesses(prior, views, up_world, self.floor, self.initialisation)
-        (best, *_), _ = rank(prior, views, states, up_world, self.floor, self.initialisation, self.config)
+        try:
+            (best, *_), _ = first_states(prior, views, builder, self.initialisation)
+        except ObjectGraphError as error:
+            raise type(error)(f"{name}: {error}") from error
         return best
-
-    def _add(self, handle: ObjectHandle, factor: ObservationFactor) -> None:
-        self._push(handle, factor.gtsam_factor())
-        handle.factors.append(factor)
 
     def _push(self, handle: ObjectHandle, factor: gtsam.NonlinearFactor) -> None:
         handle.slots[self.graph.size()] = factor

@@ -16,8 +16,8 @@ from objgraph.errors import InitialisationError, ObjectGraphError, ObservationEr
 from objgraph.estimate import AdamConfig, AdamEstimator
 from objgraph.estimate.graph import GraphEstimator
 from objgraph.estimate.task import EstimationTask, Estimator
-from objgraph.graph.builder import GraphConfig
-from objgraph.graph.initialise import InitialisationConfig, guesses, rank
+from objgraph.graph.builder import GraphConfig, ObjectBuilder
+from objgraph.graph.initialise import InitialisationConfig, first_states
 from objgraph.graph.solve import SolverConfig
 from objgraph.maps.entry import Found, found, map_entry
 from objgraph.maps.mapped_object import MappedObject
@@ -139,8 +139,8 @@ def map_object(
     """
     clock = clock or _Clock()
     with clock.stage("initialise"):
-        states = guesses(prior, views, up_world, floor, config.initialisation)
-        states, tried = rank(prior, views, states, up_world, floor, config.initialisation, config.graph)
+        builder = ObjectBuilder(config.graph, up_world, floor)
+        states, tried = first_states(prior, views, builder, config.initialisation)
     name = f"{instance.category} {instance.id}"
     task = EstimationTask(name, prior, tuple(states), tuple(views), up_world, floor)
     with clock.stage("solve"):

@@ -22,8 +22,7 @@ import numpy as np
 import torch
 
 from factors.state import ObjectKeys, ObjectState
-from objgraph.graph.builder import state_priors
-from objgraph.graph.single_object import single_object
+from objgraph.graph.builder import ObjectBuilder
 from objgraph.graph.solve import solve
 from objgraph.observation.frames import Frame, Instance
 from objgraph.observation.sampling import ObjectView, observe
@@ -109,8 +108,8 @@ def corridor() -> tuple[Corridor, list[tuple[ObjectState, ObjectView]]]:
     for i in range(-PERIOD, 0):
         frame, near = whole.picture(float(i), i + PERIOD)
         view = observe(frame, 1 + near.index(i), CONFIG.sampling)
-        single = single_object(prior, whole.at(i), [view], UP, 0.0, CONFIG.graph)
-        solve([single.problem], CONFIG.start)
+        single = ObjectBuilder(CONFIG.graph, UP, 0.0).alone(prior, whole.at(i), [view])
+        solve([single], CONFIG.start)
         solved.append((single.state, view))
     return whole, solved
 
@@ -137,7 +136,7 @@ def built(count: int, solved: list[tuple[ObjectState, ObjectView]]) -> Increment
         quadratics = [
             with_keys(quadratic, o.keys, at) for o, quadratic in zip(own, models[i % PERIOD], strict=True)
         ]
-        priors = state_priors(prior, entry.keys, CONFIG.graph, UP)
+        priors = ObjectBuilder(CONFIG.graph, UP).priors(prior, entry.keys)
         system.enter(entry, priors, own, quadratics, at)
         objects._note_centres([entry])
     return objects

@@ -13,7 +13,7 @@ import numpy as np
 from objgraph.bench.worlds.cases import UP, BenchmarkConfig, Case, synthetic_cases
 from objgraph.estimate.graph import GraphEstimator
 from objgraph.estimate.task import EstimationTask
-from objgraph.graph.builder import GraphConfig
+from objgraph.graph.builder import GraphConfig, ObjectBuilder
 from objgraph.graph.initialise import InitialisationConfig, guesses, rank
 from objgraph.observation.sampling import ObjectView, observe
 from objgraph.priors.registry import prior_for
@@ -37,7 +37,7 @@ def deviations(case: Case, views: int, draws: int) -> tuple[np.ndarray, np.ndarr
     several = [views_of(case, views, draw) for draw in range(draws)]
     config = InitialisationConfig()
     guessed = guesses(prior, several[0], UP, floor, config)
-    starts, _ = rank(prior, several[0], guessed, UP, floor, config, GraphConfig())
+    starts, _ = rank(prior, several[0], guessed, ObjectBuilder(GraphConfig(), UP, floor), config)
     tasks = [EstimationTask(case.id, prior, tuple(starts[:1]), tuple(each), UP, floor) for each in several]
     found = [each for each in GraphEstimator().estimate(tasks) if not isinstance(each, Exception)]
     middle = found[0].state

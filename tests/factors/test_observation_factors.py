@@ -53,9 +53,7 @@ BODY_T_CAMERA = gtsam.Pose3(gtsam.Rot3.RzRyRx(-1.6, 0.1, -1.5), np.array([0.3, -
 KINDS = ["surface", "surface-propagated", "depth-full", "depth-independent", "depth-paper"]
 
 
-def problem(
-    kind: str, camera: str, seed: int, angle: float | None = None
-) -> tuple[Any, gtsam.Values]:
+def problem(kind: str, camera: str, seed: int, angle: float | None = None) -> tuple[Any, gtsam.Values]:
     """A factor, which the tests may open, and the values it was made at."""
     rng = np.random.default_rng(seed)
     state, T_world_camera, values = random_state(rng, angle), random_camera(rng), gtsam.Values()

@@ -20,6 +20,7 @@ from objgraph.bench.metrics.metrics import Evaluation, evaluate_object
 from objgraph.covariance.box import box_pose
 from objgraph.errors import InitialisationError, ObjectGraphError, ObservationError, SolveError
 from objgraph.estimate.task import Estimate, EstimationTask
+from objgraph.graph.builder import ObjectBuilder
 from objgraph.graph.initialise import guesses, rank
 from objgraph.maps.pipeline import scene_floor
 from objgraph.observation.frames import Frame, GroundTruth, Scan
@@ -144,7 +145,7 @@ def _observe(
 def _start(seen: _Seen, views: Sequence[ObjectView], config: ComparisonConfig) -> ObjectState:
     up, settings = seen.scan.up_world, config.initialisation
     states = guesses(seen.prior, views, up, seen.floor, settings)
-    return rank(seen.prior, views, states, up, seen.floor, settings, config.graph)[0][0]
+    return rank(seen.prior, views, states, ObjectBuilder(config.graph, up, seen.floor), settings)[0][0]
 
 
 def _estimated(

@@ -265,7 +265,7 @@ class IncrementalObjectGraph:
         placed = view.at(self.pose(camera))
         system = self.system
         try:
-            estimate = first_estimate(name, prior, [placed], system.up_world, system.floor, self.config)
+            estimate = first_estimate(name, prior, [placed], system.builder, self.config)
         except ObjectGraphError as error:
             return [f"{name} is not started: {error}"]
         self._started += 1
@@ -296,9 +296,7 @@ class IncrementalObjectGraph:
         system = self.system
         views = [view.at(cameras[key]) for key, view in pending.views]
         if len(views) > 1:
-            pending.estimate = first_estimate(
-                pending.name, pending.prior, views, system.up_world, system.floor, self.config
-            )
+            pending.estimate = first_estimate(pending.name, pending.prior, views, system.builder, self.config)
         near = self._near([(view, pending.prior) for view in views])
         doubles = duplicates(
             [pending.candidate(), *(self._alone(entry) for entry in near)], self.config.association

@@ -12,7 +12,8 @@ from scipy.linalg import block_diag
 from objgraph.errors import ObjectGraphError, SolveError
 from objgraph.estimate.graph import GraphEstimator
 from objgraph.estimate.task import Estimate, EstimationTask
-from objgraph.graph.initialise import guesses, rank
+from objgraph.graph.builder import ObjectBuilder
+from objgraph.graph.initialise import first_states
 from objgraph.observation.sampling import ObjectView
 from objgraph.priors.shape_prior import ShapePrior
 from objgraph.slam.association import MappedCandidate
@@ -62,8 +63,7 @@ def first_estimate(
     name: str,
     prior: ShapePrior,
     views: list[ObjectView],
-    up_world: Float[np.ndarray, "3"],
-    floor: float | None,
+    builder: ObjectBuilder,
     config: IncrementalConfig,
 ) -> Estimate:
     """Place an object by its views at known cameras and solve it alone, roughly where it has one view.
@@ -71,10 +71,11 @@ def first_estimate(
     Raises:
         InitialisationError, SolveError: it cannot be placed; the message says why.
     """
-    states = guesses(prior, views, up_world, floor, config.initialisation)
-    starts, _ = rank(prior, views, states, up_world, floor, config.initialisation, config.graph)
+    starts, _ = first_states(prior, views, builder, config.initialisation)
     rough = len(views) < config.views_to_enter
-    task = EstimationTask(name, prior, tuple(starts[:1] if rough else starts), tuple(views), up_world, floor)
+    assert builder.up_world is not None  # or nothing would have been placed
+    kept = tuple(starts[:1] if rough else starts)
+    task = EstimationTask(name, prior, kept, tuple(views), builder.up_world, builder.floor)
     (result,) = GraphEstimator(config.graph, config.rough if rough else config.start, turns=None).estimate(
         [task]
     )

@@ -10,9 +10,8 @@ from jaxtyping import Float
 from factors.linearized import carried_along
 from factors.state import ObjectState
 from objgraph.errors import SolveError
-from objgraph.graph.builder import box_factor, floor_factor, state_priors, view_factors
+from objgraph.graph.builder import ObjectBuilder
 from objgraph.graph.object_graph import ObjectGraph
-from objgraph.graph.single_object import single_object
 from objgraph.graph.solve import solve
 from objgraph.observation.sampling import ObjectView
 from objgraph.slam.incremental.config import IncrementalConfig, Tolerance
@@ -39,7 +38,8 @@ class IncrementalSystem:
     def __init__(
         self, config: IncrementalConfig, up_world: Float[np.ndarray, "3"], floor: float | None
     ) -> None:
-        self.config, self.up_world, self.floor = config, up_world, floor
+        self.config = config
+        self.builder = ObjectBuilder(config.graph, up_world, floor)
         self.smoother = Smoother(config.lag)
         self.objects: list[TrackedObject] = []
         self.cameras: dict[int, str] = {}
@@ -62,23 +62,19 @@ class IncrementalSystem:
 
     def observations(self, entry: TrackedObject, placed: Iterable[Placed]) -> list[Observation]:
         """New observations of an object, not yet in the smoother."""
-        graph = self.config.graph
         return [
-            Observation(view_factors(entry.prior, entry.keys, view, camera, graph), view)
+            Observation(self.builder.view(entry.prior, entry.keys, view, camera), view)
             for camera, view in placed
         ]
 
     def unseen(self, entry: TrackedObject) -> list[Observation]:
         """What is known of a new object beside its views: of its box, and of the floor where that is known."""
-        graph = self.config.graph
-        known = [
-            Observation([factor], None, of_prior=True)
-            for factor in box_factor(entry.prior, entry.keys, graph)
+        box = self.builder.box(entry.prior, entry.keys)
+        standing = self.builder.standing(entry.prior, entry.keys)
+        return [
+            *(Observation([factor], None, of_prior=True) for factor in box),
+            *(Observation([factor], None) for factor in standing),
         ]
-        if self.floor is not None:
-            floor = floor_factor(entry.prior, entry.keys, self.up_world, self.floor, graph)
-            known.append(Observation([floor], None))
-        return known
 
     def solved(
         self,
@@ -134,7 +130,7 @@ class IncrementalSystem:
         cameras = sorted({camera for camera, _ in placed})
         start = self.estimates([], cameras)
         state.insert(start, entry.keys)
-        priors = state_priors(entry.prior, entry.keys, self.config.graph, self.up_world)
+        priors = self.builder.priors(entry.prior, entry.keys)
         known = [*self.smoother.marginal_factors(cameras), *priors]
         problem = solved(entry.name, known, observations, start, self.config)
         freeze(observations, problem.values, self.slope)
@@ -217,12 +213,10 @@ class IncrementalSystem:
         placed = entry.placed_views
         some = np.unique(np.linspace(0, len(placed) - 1, min(len(placed), _RESOLVED)).astype(int))
         views = [placed[i][1].at(self.pose(placed[i][0])) for i in some]
-        single = single_object(
-            entry.prior, self.state(entry), views, self.up_world, self.floor, self.config.graph
-        )
-        solve([single.problem], self.config.tracking)
-        if single.problem.failure is not None:
-            raise SolveError(f"{entry.name}: {single.problem.failure}")
+        single = self.builder.alone(entry.prior, self.state(entry), views)
+        solve([single], self.config.tracking)
+        if single.failure is not None:
+            raise SolveError(f"{entry.name}: {single.failure}")
         values = self.estimates([], _cameras(entry.observations))
         single.state.insert(values, entry.keys)
         self._replace(entry.observations, linearize(entry.observations, values, self.slope), values)
@@ -290,7 +284,7 @@ class IncrementalSystem:
             graph.push_back(factor)
         keys = set().union(*(factor.keys() for factor in self._others))
         values.insert(self.smoother.estimate().extract(gtsam.KeyVector(sorted(keys))))
-        objects = ObjectGraph(graph, values, self.config.graph, up_world=self.up_world)
+        objects = ObjectGraph(graph, values, self.config.graph, up_world=self.builder.up_world)
         for entry in self.objects:
             handle = objects.add_object(entry.prior, self.state(entry), keys=entry.keys, name=entry.name)
             for observation in entry.observations:

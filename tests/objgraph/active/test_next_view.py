@@ -26,8 +26,7 @@ from objgraph.active.target import KnownObject, known_object
 from objgraph.cli.next_view import NextViewCommand, run_next_view
 from objgraph.covariance.labelled import ObjectCovariance
 from objgraph.errors import ActiveVisionError, MapError
-from objgraph.graph.builder import GraphConfig
-from objgraph.graph.single_object import single_object
+from objgraph.graph.builder import ObjectBuilder
 from objgraph.maps.mapped_object import MappedObject, PriorReference
 from objgraph.maps.object_map import ObjectMap
 from objgraph.observation.sampling import SamplingConfig, observe, patch_shares
@@ -44,7 +43,7 @@ def seen_once(azimuth: float = 0.3) -> tuple[ObjectState, ObjectCovariance]:
     """A toy chair where it is, with what one picture says of it."""
     state = toy_state()
     view = observe(toy_frame([state], azimuth), 1, SAMPLING)
-    single = single_object(toy_prior(), state, [view], UP, 0.0, GraphConfig())
+    single = ObjectBuilder(up_world=UP, floor=0.0).alone(toy_prior(), state, [view])
     return state, single.marginals()
 
 
@@ -150,8 +149,8 @@ def test_expected_information_is_that_of_the_3d_and_2d_factors(chair):
     root = np.linalg.cholesky(covariance.matrix)
     for camera in about(chair, 4):
         view = observe(toy_picture([state], camera.matrix(), seed=3), 1, SAMPLING)
-        single = single_object(toy_prior(), state, [view], UP, None, GraphConfig())
-        rows = [factor.rows(single.problem.values).jacobian.numpy() for factor in single.problem.factors]
+        single = ObjectBuilder(up_world=UP).alone(toy_prior(), state, [view])
+        rows = [factor.rows(single.values).jacobian.numpy() for factor in single.factors]
         true = root.T @ sum(J.T @ J for J in rows) @ root
         expected = (
             root.T @ expected_information(chair, camera, visible(chair, camera, scene, CONFIG), CONFIG) @ root

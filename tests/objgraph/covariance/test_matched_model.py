@@ -10,7 +10,7 @@ from factors.sdf import MetricSdf, query_points
 from factors.state import ObjectKeys, ObjectState
 from factors.surface import SurfaceFactor
 from objgraph.covariance.posterior import marginals
-from objgraph.graph.builder import GraphConfig, state_priors
+from objgraph.graph.builder import GraphConfig, ObjectBuilder
 from objgraph.graph.solve import Problem, solve
 from objgraph.priors.fallback import fallback_prior
 from objgraph.priors.mesh import extract_mesh
@@ -50,7 +50,7 @@ def noisy_points(prior: ShapePrior, state: ObjectState, rng: np.random.Generator
 def solved(prior: ShapePrior, truth: ObjectState, points: np.ndarray) -> Problem:
     graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
     factor = SurfaceFactor(KEYS, prior.decoder, gtsam.Pose3(), points, np.full(POINTS, NOISE))
-    for part in (*state_priors(prior, KEYS, CONFIG, None), factor.gtsam_factor()):
+    for part in (*ObjectBuilder(CONFIG).priors(prior, KEYS), factor.gtsam_factor()):
         graph.push_back(part)
     place = gtsam.noiseModel.Diagonal.Sigmas(PLACE_SIGMAS)
     graph.push_back(gtsam.PriorFactorPose3(KEYS.pose, PLACE, place))

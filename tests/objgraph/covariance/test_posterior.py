@@ -14,8 +14,8 @@ from objgraph.covariance.labelled import RIGID_AXES, ObjectCovariance
 from objgraph.covariance.posterior import Posterior, marginals
 from objgraph.covariance.surface import surface_sigma
 from objgraph.errors import CovarianceError, SolveError
-from objgraph.graph.object_graph import GraphConfig, ObjectGraph
-from objgraph.graph.single_object import single_object
+from objgraph.graph.builder import ObjectBuilder
+from objgraph.graph.object_graph import ObjectGraph
 from objgraph.maps.mapped_object import COVARIANCE_AXES
 from objgraph.observation.sampling import SamplingConfig, observe
 from objgraph.priors.mesh import extract_mesh
@@ -139,13 +139,13 @@ def test_each_axis_is_what_its_label_says():
     covariance = objects.marginals(handle)
     np.testing.assert_allclose(covariance.sigma[:6], sigmas)
     np.testing.assert_allclose(
-        covariance.code, objects.config.code_spread**2 * np.asarray(toy_prior().code_covariance)
+        covariance.code, objects.builder.config.code_spread**2 * np.asarray(toy_prior().code_covariance)
     )
     # the mean log-scale is as uncertain as the category's sizes, its axes' deviations from it as configured
     scale = covariance.rigid[6:, 6:]
     mean, deviation = np.full(3, 1 / 3), np.array([1, -1, 0]) / np.sqrt(2)
     assert mean @ scale @ mean == pytest.approx(toy_prior().size_log_sigma ** 2)
-    assert deviation @ scale @ deviation == pytest.approx(objects.config.anisotropy_sigma**2)
+    assert deviation @ scale @ deviation == pytest.approx(objects.builder.config.anisotropy_sigma**2)
     np.testing.assert_allclose(covariance.matrix[:6, 6:], 0, atol=1e-12)
 
 
@@ -153,7 +153,7 @@ def lacking(missing: str) -> tuple[gtsam.NonlinearFactorGraph, gtsam.Values, Obj
     """A chair of which two points are seen, without one of the things that determine it."""
     prior, state, keys = toy_prior(), toy_state(), ObjectKeys.numbered(0)
     view = observe(toy_frame([state], 0.3), 1, SAMPLING).thinned(2, 1)
-    seen = single_object(prior, state, [view], None, None, GraphConfig()).problem
+    seen = ObjectBuilder().alone(prior, state, [view])
     hold = gtsam.PriorFactorPose3(keys.pose, state.T_world_object, gtsam.noiseModel.Isotropic.Sigma(6, 0.01))
     parts = {
         "code": [code_prior(keys, prior.code_mean, prior.code_covariance)],

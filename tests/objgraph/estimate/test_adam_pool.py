@@ -8,10 +8,9 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from factors.rays import box_interval
-from factors.state import ObjectState
-from factors.rays import RayCells
+from factors.rays import RayCells, box_interval
 from factors.rendering import CLEAR
+from factors.state import ObjectState
 from objgraph.estimate.pool import Pool
 from objgraph.estimate.terms import RaySteps, draw_rays
 from tests.objgraph.estimate.adam_cases import DECODER, OFF, views

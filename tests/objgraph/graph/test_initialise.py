@@ -8,13 +8,12 @@ import pytest
 
 from factors.state import ObjectState
 from objgraph.errors import InitialisationError
-from objgraph.graph.builder import GraphConfig
+from objgraph.graph.builder import GraphConfig, ObjectBuilder
 from objgraph.graph.initialise import (
     InitialisationConfig,
     guesses,
     rank,
 )
-from objgraph.graph.single_object import single_object
 from objgraph.observation.sampling import ObjectView, SamplingConfig, observe
 from objgraph.priors.mesh import extract_mesh
 from tests.objgraph.graph.test_initial_box import cuboid, turned
@@ -96,7 +95,7 @@ def test_ranking_keeps_the_chair_s_heading(heading, T):
     floor = float(T.translation() @ up)
     config = InitialisationConfig()
     states = guesses(toy_prior(), views, up, floor, config)
-    best, problems = rank(toy_prior(), views, states, up, floor, config, GraphConfig())
+    best, problems = rank(toy_prior(), views, states, ObjectBuilder(GraphConfig(), up, floor), config)
     assert len(problems) == len(states) == config.headings
     assert 1 <= len(best) <= config.keep
     errors = [
@@ -118,7 +117,7 @@ def test_ranking_is_cheapest_first_and_drops_what_cannot_be_solved():
         state, T_world_object=state.T_world_object.compose(gtsam.Pose3(gtsam.Rot3.Ry(np.pi), np.zeros(3)))
     )
     best, _ = rank(
-        toy_prior(), views, [lost, back, state], UP, None, InitialisationConfig(keep=3), GraphConfig()
+        toy_prior(), views, [lost, back, state], ObjectBuilder(up_world=UP), InitialisationConfig(keep=3)
     )
     turn = [
         gtsam.Rot3.Logmap(state.T_world_object.rotation().between(b.T_world_object.rotation())) for b in best
@@ -126,7 +125,7 @@ def test_ranking_is_cheapest_first_and_drops_what_cannot_be_solved():
     assert np.linalg.norm(turn[0]) < 0.2
     assert len(best) <= 2
     with pytest.raises(InitialisationError, match=r"none of 2 guesses could be solved: .*o0"):
-        rank(toy_prior(), views, [lost, lost], UP, None, InitialisationConfig(), GraphConfig())
+        rank(toy_prior(), views, [lost, lost], ObjectBuilder(up_world=UP), InitialisationConfig())
 
 
 def test_the_mean_shape_s_extents_are_the_prior_s():
@@ -159,7 +158,7 @@ def test_the_graph_of_one_object_has_its_views_and_priors():
     state = toy_state()
     view = observe(toy_frame([state], 0.3), 1, SAMPLING)
     for floor, rays_from_below in ((0.0, 1), (None, 0)):
-        problem = single_object(toy_prior(), state, [view, view], UP, floor, GraphConfig()).problem
+        problem = ObjectBuilder(up_world=UP, floor=floor).alone(toy_prior(), state, [view, view])
         assert problem.graph.size() == 3 + 2 * 2 + rays_from_below
         assert len(problem.factors) == 2 * 2 + rays_from_below
         assert all(isinstance(factor.decoder, ToyDecoder) for factor in problem.factors)

@@ -14,8 +14,7 @@ from factors.reduce import guarded_factor
 from factors.state import ObjectKeys, ObjectState
 from factors.surface import SurfaceFactor
 from objgraph.errors import SolveError
-from objgraph.graph.builder import GraphConfig
-from objgraph.graph.single_object import single_object
+from objgraph.graph.builder import ObjectBuilder
 from objgraph.graph.solve import LevenbergMarquardtConfig, Problem, SolverConfig, minimize, solve
 from objgraph.observation.sampling import SamplingConfig, observe
 from tests.toys import ToyDecoder, toy_frame, toy_prior, toy_state
@@ -91,7 +90,7 @@ def chair_problem(heading: float = 0.4, decoder: ToyDecoder | None = None) -> Pr
         observe(toy_frame([state], azimuth, seed=i), 1, sampling) for i, azimuth in enumerate((0.3, 2.0))
     ]
     prior = replace(toy_prior(), decoder=decoder or ToyDecoder().double())
-    return single_object(prior, state.retract(OFF), views, UP, None, GraphConfig()).problem
+    return ObjectBuilder(up_world=UP).alone(prior, state.retract(OFF), views)
 
 
 def difference(a: gtsam.Values, b: gtsam.Values) -> float:

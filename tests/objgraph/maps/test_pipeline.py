@@ -17,9 +17,8 @@ from objgraph.covariance.surface import surface_sigma
 from objgraph.errors import InitialisationError, ObservationError, SolveError
 from objgraph.estimate import AdamConfig
 from objgraph.estimate.terms import RaySteps
-from objgraph.graph.builder import GraphConfig
+from objgraph.graph.builder import ObjectBuilder
 from objgraph.graph.initialise import InitialisationConfig
-from objgraph.graph.single_object import single_object
 from objgraph.graph.solve import SolverConfig, solve
 from objgraph.maps import pipeline as mapping
 from objgraph.maps.entry import Found, map_entry
@@ -340,8 +339,8 @@ def test_the_covariance_of_many_chairs_covers_their_truth():
         truth = ObjectState(T, log_scale, code)
         views = [observe(toy_frame([truth], a, seed=seed), 1, CONFIG.sampling) for a in (0.3, 2.0)]
         start = truth.retract(np.concatenate([0.03 * rng.normal(size=9), -code]))
-        single = single_object(prior, start, views, UP, None, GraphConfig())
-        solve([single.problem], CONFIG.solver)
+        single = ObjectBuilder(up_world=UP).alone(prior, start, views)
+        solve([single], CONFIG.solver)
         found, covariance = single.state, single.marginals().rigid
         error = np.concatenate(
             [found.T_world_object.localCoordinates(truth.T_world_object), truth.log_scale - found.log_scale]

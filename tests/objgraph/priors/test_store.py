@@ -16,7 +16,7 @@ from factors.decoder import Decoder, DecoderConfig
 from factors.errors import FactorError
 from factors.state import ObjectKeys, ObjectState
 from objgraph.errors import PriorError
-from objgraph.graph.builder import GraphConfig, floor_factor
+from objgraph.graph.builder import GraphConfig, ObjectBuilder
 from objgraph.priors.misfit import BoxMisfit
 from objgraph.priors.registry import ALIASES, WEIGHTS, available_priors, load_prior
 from objgraph.priors.shape_prior import ShapePrior
@@ -184,7 +184,7 @@ def test_what_need_not_stand_has_no_feet() -> None:
     place = gtsam.Pose3(gtsam.Rot3.Rx(np.pi / 2), np.array([0.0, 0.0, 2.0]))
     ObjectState(place, np.zeros(3), chair.code_mean).insert(lifted, keys)
     up, config = np.array([0.0, 0.0, 1.0]), GraphConfig()
-    costs = [floor_factor(prior, keys, up, 0.0, config).loss(lifted) for prior in (chair, lamp)]
+    costs = [ObjectBuilder(config, up, 0.0).standing(prior, keys)[0].loss(lifted) for prior in (chair, lamp)]
     assert costs[0] > 10
     assert costs[1] == pytest.approx(0.0, abs=1e-6)
 
