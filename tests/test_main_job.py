@@ -49,9 +49,8 @@ def test_the_sample_scan_is_mapped(tmp_path):
     objects = run_map(tmp_path / "map", "--dataset", "sample", "--root", str(tmp_path / "sample"))
     assert len(objects) == 6
     met = criteria(objects)
-    assert met["chamfer"] >= 5
-    assert met["iou"] >= 5
-    assert met["pose"] >= 3
+    assert met["iou"] == met["chamfer"] == 6
+    assert met["pose"] >= 5  # rounding decides the heading of table 5 (docs/results.md)
     loaded = ObjectMap.load(tmp_path / "map")
     assert [entry.id for entry in loaded.objects] == [entry["id"] for entry in objects]
 
