@@ -39,7 +39,8 @@ class ObservationFactor(ABC):
 
     What must not change while a quadratic is being minimised (noise, sample depths) is frozen by `refresh`,
     and by the first evaluation where nobody called it. Loss and gradient are exact for the frozen quantities;
-    the curvature is a positive semi-definite majoriser's.
+    the curvature is a positive semi-definite majoriser's. The decoder may be on another device: a query is made there, its
+    answers come to the CPU, where GTSAM and all else is.
     """
 
     def __init__(self, keys: ObjectKeys, decoder: SdfDecoder, camera: gtsam.Pose3 | int) -> None:
@@ -156,7 +157,7 @@ class ObservationFactor(ABC):
         value = self.known_value(query)
         if value is None:
             with torch.no_grad():
-                value = self.decoder(query.p_object, query.code[None])
+                value = self.decoder(query.p_object, query.code[None]).cpu()
             self.remember(query, value)
         return value
 
@@ -164,7 +165,8 @@ class ObservationFactor(ABC):
         jet = self.known_jet(query)
         if jet is None:
             value = self._value(query)
-            jet = self.decoder.linearize(query.p_object[self.active(query, value)], query.code[None])
+            some = query.take(self.active(query, value))
+            jet = self.decoder.linearize(some.p_object, query.code[None]).cpu()
             self.remember(query, value, jet)
         return jet
 
