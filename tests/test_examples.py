@@ -87,9 +87,10 @@ def run_example(name: str, out: Path) -> str:
 
 @pytest.mark.parametrize("name", EXAMPLES)
 def test_example(name: str, tmp_path: Path):
-    run_example(name, tmp_path / "out")
+    printed = run_example(name, tmp_path / "out")
     EXAMPLES[name][1](tmp_path / "out")
     if name == "slam_with_objects":  # its finished seeds are not run again
+        assert "adding objects" in printed
         before = (tmp_path / "out" / "metrics.json").read_text()
         assert "adding objects" not in run_example(name, tmp_path / "out")
         assert (tmp_path / "out" / "metrics.json").read_text() == before

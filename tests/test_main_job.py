@@ -62,9 +62,8 @@ def test_a_real_scan_is_mapped(shared_data, tmp_path):
     assert [entry["category"] for entry in objects].count("chair") == 5
     assert [entry["category"] for entry in objects].count("table") == 1
     met = criteria(objects)
-    assert met["chamfer"] >= 5
-    assert met["iou"] >= 5
-    assert met["pose"] >= 4
+    assert met["iou"] == met["chamfer"] == len(objects) == 7
+    assert met["pose"] >= 6  # the trash can's scale is nearly too far off
     assert np.median([entry["evaluation"]["chamfer_m"] for entry in objects]) <= 0.04
 
 

@@ -79,7 +79,7 @@ class FarDecoder(SdfDecoder):
         with torch._C.DisableTorchFunction():
             return SdfJet(*(part.as_subclass(Far) for part in self.own.linearize(*near)))
 
-    def _asked(self, *given: Tensor | None) -> list[Tensor | None]:
+    def _asked(self, *given: Tensor | None) -> list[Any]:
         if any(part is not None and not isinstance(part, Far) for part in given):
             raise RuntimeError("the decoder is elsewhere, and what it is asked is on the CPU")
         return [_near(part) for part in given]

@@ -28,8 +28,8 @@ def observation(entry: TrackedObject, camera: int) -> Observation:
     return Observation([cast(Any, factor)], cast(Any, view))
 
 
-def quadratics(observations: list[Observation], *_: object) -> list[gtsam.NonlinearFactor]:
-    return [gtsam.BetweenFactorPose3(*o.keys, gtsam.Pose3(), NOISE) for o in observations]
+def quadratics(observations: list[Observation], *_: object) -> list[gtsam.BetweenFactorPose3]:
+    return [gtsam.BetweenFactorPose3(o.keys[0], o.keys[1], gtsam.Pose3(), NOISE) for o in observations]
 
 
 @pytest.fixture
