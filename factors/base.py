@@ -39,14 +39,25 @@ class ObservationFactor(ABC):
 
     What must not change while a quadratic is being minimised (noise, sample depths) is frozen by `refresh`,
     and by the first evaluation where nobody called it. Loss and gradient are exact for the frozen quantities;
-    the curvature is a positive semi-definite majoriser's. The decoder may be on another device: a query is made there, its
-    answers come to the CPU, where GTSAM and all else is.
+    the curvature is a positive semi-definite majoriser's.
+
+    `camera` is T_world_camera, or the key of a `Pose3` that holds it. With `body_T_camera` it is the pose of a body
+    on which the camera is fixed: T_world_camera = T_world_body * body_T_camera.
+
+    The decoder may be on another device: it is asked there, its answers come to the CPU, where GTSAM and all else is.
     """
 
-    def __init__(self, keys: ObjectKeys, decoder: SdfDecoder, camera: gtsam.Pose3 | int) -> None:
+    def __init__(
+        self,
+        keys: ObjectKeys,
+        decoder: SdfDecoder,
+        camera: gtsam.Pose3 | int,
+        body_T_camera: gtsam.Pose3 | None = None,
+    ) -> None:
         self.object_keys = keys
         self.decoder = decoder
         self.camera = camera
+        self.body_T_camera = body_T_camera
         self._decoded: _Decoded | None = None
 
     @property
@@ -75,7 +86,8 @@ class ObservationFactor(ABC):
         return state
 
     def T_world_camera(self, values: gtsam.Values) -> gtsam.Pose3:
-        return values.atPose3(self.camera) if isinstance(self.camera, int) else self.camera
+        pose = values.atPose3(self.camera) if isinstance(self.camera, int) else self.camera
+        return pose if self.body_T_camera is None else pose.compose(self.body_T_camera)
 
     @abstractmethod
     def refresh(self, values: gtsam.Values, annealing: Annealing = Annealing()) -> None:
@@ -104,7 +116,12 @@ class ObservationFactor(ABC):
 
     def sdf_jacobian(self, query: SdfQuery, jet: SdfJet) -> Float[Tensor, "n d"]:
         """Derivative of the canonical SDF w.r.t. the factor's variables, in the order of `keys`."""
-        return sdf_jacobian(query, jet, self.has_camera_key)
+        jacobian = sdf_jacobian(query, jet, self.has_camera_key)
+        if self.has_camera_key and self.body_T_camera is not None:
+            # the camera's tangent is the body's, seen from the camera
+            carried = torch.as_tensor(self.body_T_camera.inverse().AdjointMap()).to(jacobian)
+            jacobian[:, -CAMERA_DOF:] = jacobian[:, -CAMERA_DOF:] @ carried
+        return jacobian
 
     def query(self, values: gtsam.Values) -> SdfQuery:
         """What this factor asks of the decoder at `values`; freezes there first if nobody has."""

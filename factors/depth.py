@@ -11,9 +11,18 @@ from torch import Tensor
 from factors.base import Annealing, ObservationFactor, place_of
 from factors.errors import FactorError
 from factors.full_distribution import FullDistribution
-from factors.rays import BOX_HALF_SIZE, RayCells, Rays, box_interval, choose_cells, coarse_depths
+from factors.rays import (
+    BOX_HALF_SIZE,
+    RayCells,
+    Rays,
+    box_interval,
+    choose_cells,
+    coarse_depths,
+    empty_cells,
+    passing_depth,
+)
 from factors.reduce import Rows
-from factors.rendering import RaySamples, RayTargets, RenderedRows, Renderer
+from factors.rendering import CLEAR, RaySamples, RayTargets, RenderedRows, Renderer
 from factors.sdf import MetricSdf, SdfQuery, query_points
 from factors.sdf_decoder import SdfDecoder, SdfJet
 from factors.state import ObjectKeys, ObjectState
@@ -50,10 +59,14 @@ class _Frozen:
     spread: Tensor
     weight: Tensor
     slope: float
+    missed: float
+    """Weighted score of the hits whose rays do not meet the box."""
 
 
 class DepthFactor(ObservationFactor):
     """Scores of the rendered depth of one view's rays.
+
+    A ray that does not meet the object's box passes the object: a free one is as it should be, a hit is not.
 
     Frozen by `refresh`: which rays meet the object's box, their cells, each cell's gradient (by which metres follow
     the scale) and standard deviation, the occupancy slope and each ray's spread.
@@ -71,10 +84,11 @@ class DepthFactor(ObservationFactor):
         weighting: Weighting | None = None,
         sampling: RaySampling | None = None,
         half_box: float | Float[np.ndarray, "3"] = BOX_HALF_SIZE,
+        body_T_camera: gtsam.Pose3 | None = None,
     ) -> None:
         """`prior_sigma` is the decoder's standard deviation in canonical units; `half_box` are half the edges of the
         canonical box that holds the shapes: rays are cut within it."""
-        super().__init__(keys, decoder, camera)
+        super().__init__(keys, decoder, camera, body_T_camera)
         self._rays = rays
         self._renderer = renderer or FullDistribution()
         self._prior_sigma = prior_sigma
@@ -93,10 +107,9 @@ class DepthFactor(ObservationFactor):
         if (place := place_of(state, camera, annealing)) == self._frozen_at:
             return
         near, far = box_interval(state, camera, self._rays.directions_camera, self._half_box)
-        meets = np.flatnonzero((far - near > 1e-3) & (self._rays.end > near))
-        targets = RayTargets(
-            *(torch.as_tensor(getattr(self._rays, name)[meets]) for name in ("depth", "hit", "end", "sigma"))
-        )
+        crosses = (far - near > 1e-3) & (self._rays.end > near)
+        meets = np.flatnonzero(crosses)
+        targets = self._targets(meets)
         cells = self._choose_cells(state, camera, near[meets], far[meets], meets, targets, annealing)
         p_camera = self._points(meets, cells.depth)
         query = query_points(self.decoder, state, camera, p_camera)
@@ -110,7 +123,8 @@ class DepthFactor(ObservationFactor):
         spread = self._renderer.freeze(samples)
         self._frozen = _Frozen(
             meets, cells, targets, p_camera, metric, samples.sdf_sigma, spread,
-            self._weighting.take(meets).per_row(spread), annealing.slope,
+            self._weight(meets, spread), annealing.slope,
+            self._missed(np.flatnonzero(self._rays.hit & ~crosses), state, camera, annealing),
         )  # fmt: skip
         self._frozen_at = place if value.isfinite().all() else None
 
@@ -118,7 +132,7 @@ class DepthFactor(ObservationFactor):
         return self._held.p_camera
 
     def loss_of(self, query: SdfQuery, value: Tensor) -> float:
-        return float((self._held.weight * self._render(query, value).loss).sum())
+        return float((self._held.weight * self._render(query, value).loss).sum()) + self._held.missed
 
     def active(self, query: SdfQuery, value: Tensor) -> Tensor:
         strength = (
@@ -135,7 +149,7 @@ class DepthFactor(ObservationFactor):
         residual = (root * rendered.residual).flatten()
         rows = self._quantity_jacobian(query, value, jet, root[..., None] * rendered.d_sdf)
         speaks = (residual != 0) | (rows.abs().amax(dim=1) > 0)
-        loss = float((frozen.weight * rendered.loss).sum())
+        loss = float((frozen.weight * rendered.loss).sum()) + frozen.missed
         return Rows(rows[speaks], residual[speaks], loss)
 
     def _quantity_jacobian(self, query: SdfQuery, value: Tensor, jet: SdfJet, d_sdf: Tensor) -> Tensor:
@@ -151,6 +165,29 @@ class DepthFactor(ObservationFactor):
         sdf = (frozen.metric.at(query.state) * value.double()).view_as(frozen.cells.depth)
         samples = RaySamples(sdf, frozen.sdf_sigma, frozen.cells, frozen.targets, frozen.slope)
         return self._renderer.render(samples, frozen.spread)
+
+    def _targets(self, rays: np.ndarray) -> RayTargets:
+        return RayTargets(
+            *(torch.as_tensor(getattr(self._rays, name)[rays]) for name in ("depth", "hit", "end", "sigma"))
+        )
+
+    def _weight(self, rays: np.ndarray, spread: Tensor) -> Tensor:
+        return self._weighting.take(rays).per_row(spread, len(self._rays.depth))
+
+    def _missed(
+        self, rays: np.ndarray, state: ObjectState, camera: gtsam.Pose3, annealing: Annealing
+    ) -> float:
+        """Weighted score of hits that pass the object without meeting its box."""
+        if not len(rays):
+            return 0.0
+        centre_depth = float(camera.transformTo(state.T_world_object.translation())[2])
+        targets = self._targets(rays)
+        far = torch.as_tensor(passing_depth(state, self._rays.depth[rays], centre_depth, self._half_box))
+        sigma = torch.full((len(rays), 1), self._prior_sigma * float(np.exp(state.log_scale.mean())))
+        sdf = torch.full_like(far, CLEAR)[:, None]
+        samples = RaySamples(sdf, sigma.to(sdf).clamp_min(1e-6), empty_cells(far), targets, annealing.slope)
+        spread = self._renderer.freeze(samples)
+        return float((self._weight(rays, spread) * self._renderer.render(samples, spread).loss).sum())
 
     def _choose_cells(
         self,

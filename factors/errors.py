@@ -7,3 +7,7 @@ class ObjectGraphError(Exception):
 
 class FactorError(ObjectGraphError, ValueError):
     """A factor was given, or has computed, something that must not reach the optimiser."""
+
+
+class NotFiniteError(FactorError):
+    """A factor has computed what is no number, as a step that is too long can make it do."""

@@ -2,15 +2,14 @@
 
 import math
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import torch
 from jaxtyping import Float
 from torch import Tensor
 
 from factors.occupancy import PROBIT_SCALE, probit_occupancy
-from factors.rays import RayCells
-from factors.rendering import ESCAPE, RaySamples, RayTargets, RenderedRows
+from factors.rendering import ESCAPE, RaySamples, RenderedRows
 
 
 @dataclass(frozen=True)
@@ -54,52 +53,61 @@ class FullDistribution:
 
     def render(self, samples: RaySamples, spread: Float[Tensor, "r"]) -> RenderedRows:
         passed, d_passed = self.transmittance(samples.sdf, _tau(samples))
-        root, escape_root, residual = self._residual(passed, samples.cells, samples.targets, spread)
-        d_sdf = torch.cat([root[..., None] * d_passed, escape_root[:, None, None] * d_passed[:, -1:]], dim=1)
-        return RenderedRows(0.5 * residual.square().sum(dim=1), residual, d_sdf)
+        weights = self._weights(samples, spread)
+        residual = _residual(passed, weights, samples)
+        d_behind = weights.behind.mul(2).sqrt()[..., None] * d_passed[:, -1:]
+        d_sdf = torch.cat([weights.cells.mul(2).sqrt()[..., None] * d_passed, d_behind], dim=1)
+        return RenderedRows(weights.before + 0.5 * residual.square().sum(dim=1), residual, d_sdf)
 
     def score(self, samples: RaySamples) -> Float[Tensor, "r"]:
         """See `Renderer`; the weights over depth are held."""
         spread = self.freeze(samples).detach()
         clear = 1 - probit_occupancy(samples.sdf, _tau(samples))
         passed = clear.cummin(dim=1)[0] if self.correlation == "comonotone" else clear.cumprod(dim=1)
-        return 0.5 * self._residual(passed, samples.cells, samples.targets, spread)[2].square().sum(dim=1)
+        weights = self._weights(samples, spread)
+        return weights.before + 0.5 * _residual(passed, weights, samples).square().sum(dim=1)
 
-    def _residual(
-        self,
-        passed: Float[Tensor, "r k"],
-        cells: RayCells,
-        targets: RayTargets,
-        spread: Float[Tensor, "r"],
-    ) -> tuple[Float[Tensor, "r k"], Float[Tensor, "r"], Float[Tensor, "r k+1"]]:
-        """Roots of the weights of the cells and of the way beyond the box, and the weighted residual of all."""
-        width, escape = self._weighted_widths(cells, targets, spread)
-        target = (cells.depth < targets.stop[:, None]).to(passed)
-        beyond = (cells.far < targets.stop).to(passed)
-        root, escape_root = (2 * width).sqrt(), (2 * escape).sqrt()
-        inside, outside = root * (passed - target), escape_root * (passed[:, -1] - beyond)
-        return root, escape_root, torch.cat([inside, outside[:, None]], dim=1)
+    def _weights(self, samples: RaySamples, spread: Float[Tensor, "r"]) -> "_Weights":
+        cells, hit, depth = samples.cells, samples.targets.hit, samples.targets.depth
+        end = torch.minimum(samples.targets.end, ESCAPE * torch.maximum(cells.far, depth))
+        half = 0.5 * cells.width * (cells.depth < end[:, None])
+        near = cells.depth[:, 0] - 0.5 * cells.width[:, 0]
+        # the ray outside of the box: from a hit's depth to the box, from the box to the depth, from both to the end
+        start = torch.stack([depth, cells.far, torch.maximum(cells.far, depth)], dim=1)
+        stop = torch.stack(
+            [torch.where(hit, torch.minimum(near, end), depth), torch.minimum(depth, end), end], 1
+        )
+        start = torch.cat([cells.depth - half, start], dim=1)
+        stop = torch.maximum(start, torch.cat([cells.depth + half, stop], dim=1))
+        length = stop - start
+        if self.reach is not None:
+            reach, at = self.reach * spread[:, None], depth[:, None]
+            close = (torch.minimum(stop, at + reach) - torch.maximum(start, at - reach)).clamp_min(0.0)
+            rest, in_front = length - close, start < at
+            shares = []
+            for side in (in_front, ~in_front):
+                shares.append((spread / (rest * side).sum(dim=1).clamp_min(1e-12)).clamp_max(1.0)[:, None])
+            length = close + rest * torch.where(in_front, *shares)
+        k = cells.depth.shape[1]
+        return _Weights(length[:, :k], length[:, k], length[:, k + 1 :])
 
-    def _weighted_widths(
-        self, cells: RayCells, targets: RayTargets, spread: Float[Tensor, "r"]
-    ) -> tuple[Float[Tensor, "r k"], Float[Tensor, "r"]]:
-        """Weighted length of every cell, and of the way from the box to where the ray escapes."""
-        end = torch.minimum(targets.end, ESCAPE * cells.far)
-        width = cells.width * (cells.depth < end[:, None])
-        escape = (end - cells.far).clamp_min(0.0)
-        if self.reach is None:
-            return width, escape
-        spread = spread[:, None]
-        width = torch.cat([width, escape[:, None]], dim=1)
-        depth = torch.cat([cells.depth, cells.far[:, None] + 0.5 * escape[:, None]], dim=1)
-        offset = depth - targets.depth[:, None]
-        near = offset.abs() < self.reach * spread
-        weight = near.to(width)
-        for side in (~near & (offset < 0), ~near & (offset > 0)):
-            length = (width * side).sum(dim=1, keepdim=True).clamp_min(1e-12)
-            weight = weight + side * (spread / length).clamp_max(1.0)
-        width = width * weight
-        return width[:, :-1], width[:, -1]
+
+class _Weights(NamedTuple):
+    """Weighted lengths of the parts of a ray, metres."""
+
+    cells: Float[Tensor, "r k"]
+    before: Float[Tensor, "r"]
+    """From a hit's depth on to the box, where nothing can have stopped the ray."""
+    behind: Float[Tensor, "r 2"]
+    """From the box on to the surface's depth, and from there on to where the ray escapes."""
+
+
+def _residual(passed: Float[Tensor, "r k"], weights: _Weights, samples: RaySamples) -> Float[Tensor, "r k+2"]:
+    targets = samples.targets
+    target = (samples.cells.depth < targets.stop[:, None]).to(passed)
+    behind = torch.stack([torch.ones_like(targets.depth), (~targets.hit).to(passed)], dim=1)
+    inside = weights.cells.mul(2).sqrt() * (passed - target)
+    return torch.cat([inside, weights.behind.mul(2).sqrt() * (passed[:, -1:] - behind)], dim=1)
 
 
 def _tau(samples: RaySamples) -> Float[Tensor, "r k"]:

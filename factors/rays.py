@@ -75,6 +75,21 @@ def box_interval(
     return canonical_interval(origin, directions_camera @ R_object_camera.T / state.scale, half)
 
 
+def passing_depth(
+    state: ObjectState,
+    depth: Float[np.ndarray, "r"],
+    centre_depth: float | Float[np.ndarray, "r"],
+    half: float | Float[np.ndarray, "3"] = BOX_HALF_SIZE,
+) -> Float[np.ndarray, "r"]:
+    """z-depths at which hits at `depth` that miss the object's box are said to leave it: no less than through the box.
+
+    So a hit costs no less where the object is out of its way than where the object lets it pass. `centre_depth` is that
+    of the object's origin, along the camera's z axis.
+    """
+    radius = float(np.linalg.norm(np.broadcast_to(half, 3) * state.scale))
+    return np.maximum(depth + 2 * radius, centre_depth + radius)
+
+
 def canonical_interval(
     origin: Float[np.ndarray, "*r 3"],
     direction: Float[np.ndarray, "r 3"],
@@ -93,6 +108,12 @@ def coarse_depths(near: Float[Tensor, "r"], far: Float[Tensor, "r"], count: int)
     """Middles of `count` equal cells between near and far."""
     fraction = (torch.arange(count, dtype=near.dtype) + 0.5) / count
     return near[:, None] + fraction * (far - near)[:, None]
+
+
+def empty_cells(far: Float[Tensor, "r"], count: int = 1) -> RayCells:
+    """Cells without length, of rays that are outside of the box all the way; they leave it at `far`."""
+    depth = far[:, None].expand(-1, count)
+    return RayCells(depth, torch.zeros_like(depth), far)
 
 
 def choose_cells(

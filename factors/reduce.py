@@ -9,7 +9,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from factors.errors import FactorError
+from factors.errors import FactorError, NotFiniteError
 from factors.keys import readable_key
 
 Evaluate = Callable[[gtsam.Values, bool], tuple[np.ndarray, Sequence[np.ndarray] | None]]
@@ -87,4 +87,6 @@ def _check(array: np.ndarray, shape: tuple[int, ...], what: str) -> None:
         found = f"{array.dtype} {array.shape}" if isinstance(array, np.ndarray) else type(array).__name__
         raise FactorError(f"{what} is {found}, not float64 {shape}")
     if not np.isfinite(array).all():
-        raise FactorError(f"{what} has {np.count_nonzero(~np.isfinite(array))} entries that are not finite")
+        raise NotFiniteError(
+            f"{what} has {np.count_nonzero(~np.isfinite(array))} entries that are not finite"
+        )

@@ -13,6 +13,10 @@ ESCAPE = 1.1
 """A ray that escapes is given this multiple of the depth at which it leaves the object's box."""
 
 
+CLEAR = 1.0
+"""Signed distance, metres, that stands for free space wherever nothing is decoded."""
+
+
 @dataclass(frozen=True)
 class RayTargets:
     """Observations of r rays as tensors; the meaning of the fields is that of `factors.rays.Rays`."""
@@ -51,8 +55,9 @@ class RaySamples:
 
     @property
     def escape(self) -> Float[Tensor, "r"]:
-        """The depth that an escaping ray is given."""
-        return ESCAPE * self.cells.far
+        """The depth that an escaping ray is given: beyond the box and, where it should have ended, beyond that depth."""
+        far = self.cells.far
+        return ESCAPE * torch.where(self.targets.hit, torch.maximum(far, self.targets.depth), far)
 
 
 class Renderer(Protocol):

@@ -43,9 +43,10 @@ class SurfaceFactor(ObservationFactor):
         prior_sigma: float = 0.0,
         weighting: Weighting | None = None,
         state_covariance: Float[np.ndarray, "d d"] | Float[np.ndarray, "d"] | None = None,
+        body_T_camera: gtsam.Pose3 | None = None,
     ) -> None:
         """`sigma` is the sensor's standard deviation in metres; `prior_sigma` the decoder's, canonical."""
-        super().__init__(keys, decoder, camera)
+        super().__init__(keys, decoder, camera, body_T_camera)
         points_camera, sigma = np.asarray(points_camera, dtype=float), np.asarray(sigma, dtype=float)
         if points_camera.ndim != 2 or points_camera.shape[1] != 3 or len(points_camera) == 0:
             raise FactorError(f"surface points of shape {points_camera.shape}: (n, 3) with n > 0 is due")

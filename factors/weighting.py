@@ -33,8 +33,8 @@ class Weighting:
         """The weighting of some of the rows."""
         return self if np.ndim(self.amount) == 0 else replace(self, amount=np.asarray(self.amount)[indices])
 
-    def per_row(self, sigma: Float[Tensor, "n"]) -> Float[Tensor, "n"]:
-        """The factor on each row's score."""
+    def per_row(self, sigma: Float[Tensor, "n"], count: int | None = None) -> Float[Tensor, "n"]:
+        """The factor on each row's score; a mean is over `count` rows, by default over these."""
         if self.kind == "information":
             return torch.as_tensor(self.amount, dtype=sigma.dtype) * unit_information_weight(sigma)
-        return torch.full_like(sigma, float(self.amount) / max(len(sigma), 1))
+        return torch.full_like(sigma, float(self.amount) / max(len(sigma) if count is None else count, 1))

@@ -22,6 +22,8 @@ class WorldRays:
     hit: Bool[np.ndarray, "r"]
     end: Float[np.ndarray, "r"]
     sigma: Float[np.ndarray, "r"]
+    axis_world: Float[np.ndarray, "r 3"]
+    """The camera's z axis."""
 
     def take(self, indices: np.ndarray) -> "WorldRays":
         """Some of the rays."""
@@ -33,6 +35,10 @@ class WorldRays:
         """z-depths at which the rays enter and leave the object's canonical box; near >= far where they miss it."""
         direction = self.direction_world @ state.T_world_object.rotation().matrix() / state.scale
         return canonical_interval(state.to_object(self.origin_world), direction, half_box)
+
+    def depth_of_centre(self, state: ObjectState) -> Float[np.ndarray, "r"]:
+        """z-depth of the object's origin in each ray's camera."""
+        return ((state.T_world_object.translation() - self.origin_world) * self.axis_world).sum(axis=1)
 
     def at(self, depth: Float[np.ndarray, "r k"]) -> Float[np.ndarray, "r k 3"]:
         """World points at z-depths along the rays."""
@@ -57,7 +63,8 @@ class Pool:
         for view in views:
             R, rays = view.T_world_camera.rotation().matrix(), view.rays
             origin = np.broadcast_to(view.T_world_camera.translation(), rays.directions_camera.shape)
-            world = (origin, rays.directions_camera @ R.T, rays.depth, rays.hit, rays.end, rays.sigma)
+            axis = np.broadcast_to(R[:, 2], origin.shape)
+            world = (origin, rays.directions_camera @ R.T, rays.depth, rays.hit, rays.end, rays.sigma, axis)
             parts.append(world)
         joined = WorldRays(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True)))
         return cls(np.concatenate([view.points_world for view in views]), joined, half_box)

@@ -10,8 +10,8 @@ from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
 from factors.batch import CHUNK
-from factors.rays import RayCells
-from factors.rendering import RayTargets
+from factors.rays import RayCells, passing_depth
+from factors.rendering import CLEAR, RayTargets
 from factors.sdf import SdfQuery, metres_per_unit, query_points, sdf_jacobian
 from factors.sdf_decoder import SdfDecoder, SdfJet
 from factors.state import ObjectState
@@ -35,13 +35,13 @@ class RaySteps:
 
 @dataclass(frozen=True)
 class DrawnRays:
-    """Rays that meet one object's box, their samples, and which of these are near its surface.
+    """Rays that meet one object's box, or are to end on it, their samples, and which of these are near its surface.
 
     Held for a few iterations: the far samples' SDF is not asked for again meanwhile.
     """
 
     count: int
-    """Of all rays drawn, those that miss the box included."""
+    """Of all rays drawn, free ones that miss the box included."""
     cells: RayCells
     targets: RayTargets
     p_near: Float[np.ndarray, "c 3"]
@@ -67,15 +67,22 @@ def draw_rays(
     drawn = []
     for state, pool in zip(states, pools, strict=True):
         near, far = pool.rays.interval(state, pool.half_box)
-        meets = np.flatnonzero((far - near > 1e-3) & (pool.rays.end > near))
-        rays, near, far = pool.rays.take(meets), near[meets], far[meets]
+        meets = (far - near > 1e-3) & (pool.rays.end > near)
+        passes = passing_depth(state, pool.rays.depth, pool.rays.depth_of_centre(state), pool.half_box)
+        near, far = np.where(meets, near, passes), np.where(meets, far, passes)
+        count = np.flatnonzero(meets | pool.rays.hit)
+        rays, near, far, meets = pool.rays.take(count), near[count], far[count], meets[count]
         width = (far - near) / steps.samples
         depth = near[:, None] + (np.arange(steps.samples) + 0.5) * width[:, None]
-        drawn.append((rays, depth, width, far))
-    sdf = _values(decoder, states, [rays.at(depth).reshape(-1, 3) for rays, depth, _, _ in drawn])
+        drawn.append((rays, depth, width, far, meets))
+    inside = [rays.take(meets).at(depth[meets]).reshape(-1, 3) for rays, depth, _, _, meets in drawn]
+    sdf = _values(decoder, states, inside)
     result = []
-    for (rays, depth, width, far), value, state, pool in zip(drawn, sdf, states, pools, strict=True):
-        metres = float(np.exp(state.log_scale.mean())) * value.view(depth.shape)
+    for (rays, depth, width, far, meets), value, state, pool in zip(drawn, sdf, states, pools, strict=True):
+        metres = torch.full(depth.shape, CLEAR, dtype=dtype, device=device)
+        metres[torch.as_tensor(meets, device=device)] = float(np.exp(state.log_scale.mean())) * value.view(
+            -1, steps.samples
+        )
         near = _near(metres, steps)
         cells = RayCells(
             *(

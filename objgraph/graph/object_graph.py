@@ -6,6 +6,8 @@ from dataclasses import dataclass, field
 import gtsam
 import numpy as np
 from jaxtyping import Float
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
 
 from factors.base import Annealing, ObservationFactor
 from factors.errors import FactorError
@@ -198,19 +200,15 @@ class ObjectGraph:
             SolveError: a factor's variable is not in the values.
         """
         require_values(self.graph, self.values)
-        part = _Parts()
-        indices = [i for i in range(self.graph.size()) if self.graph.exists(i)]
-        for i in indices:
-            part.join(self.graph.at(i).keys())
-        for handle in self.objects:
-            part.join(list(handle.keys))
+        factors = [self.graph.at(i) for i in range(self.graph.size()) if self.graph.exists(i)]
+        groups = [list(factor.keys()) for factor in factors]
+        part = _parts([*groups, *(list(handle.keys) for handle in self.objects)])
         graphs: dict[int, gtsam.NonlinearFactorGraph] = {}
-        for i in indices:
-            factor = self.graph.at(i)
-            graphs.setdefault(part.of(factor.keys()[0]), gtsam.NonlinearFactorGraph()).push_back(factor)
+        for factor, keys in zip(factors, groups, strict=True):
+            graphs.setdefault(part[keys[0]], gtsam.NonlinearFactorGraph()).push_back(factor)
         problems = []
-        for root, graph in graphs.items():
-            handles = [handle for handle in self.objects if part.of(handle.keys.pose) == root]
+        for number, graph in graphs.items():
+            handles = [handle for handle in self.objects if part[handle.keys.pose] == number]
             values = self.values.extract(graph.keyVector())
             name = ", ".join(handle.name for handle in handles) or "variables without objects"
             problems.append(Problem(name, graph, values, [f for h in handles for f in h.factors]))
@@ -295,18 +293,11 @@ def _several(views: ObjectView | Sequence[ObjectView]) -> list[ObjectView]:
     return [views] if isinstance(views, ObjectView) else list(views)
 
 
-class _Parts:
-    """Union-find over keys."""
-
-    def __init__(self) -> None:
-        self._parent: dict[int, int] = {}
-
-    def of(self, key: int) -> int:
-        parent = self._parent.setdefault(key, key)
-        if parent != key:
-            parent = self._parent[key] = self.of(parent)
-        return parent
-
-    def join(self, keys) -> None:
-        for key in keys:
-            self._parent[self.of(key)] = self.of(keys[0])
+def _parts(groups: Sequence[Sequence[int]]) -> dict[int, int]:
+    """Of every key the number of its part: keys of one group are connected."""
+    keys = sorted({key for group in groups for key in group})
+    column = {key: i for i, key in enumerate(keys)}
+    pairs = [(column[group[0]], column[key]) for group in groups for key in group]
+    rows, columns = np.array(pairs, dtype=int).reshape(-1, 2).T
+    links = coo_matrix((np.ones(len(pairs)), (rows, columns)), shape=(len(keys),) * 2)
+    return dict(zip(keys, connected_components(links, directed=False)[1].tolist(), strict=True))

@@ -13,6 +13,7 @@ import numpy as np
 
 from factors.base import Annealing, ObservationFactor
 from factors.batch import decode
+from factors.errors import NotFiniteError
 from factors.sdf import SdfQuery
 from objgraph.diagnostics.linear import hessian_diagonal
 from objgraph.diagnostics.undetermined import check_linear
@@ -72,6 +73,10 @@ class Problem:
         for factor in self.factors:
             factor.refresh(self.values, Annealing(slope))
 
+    def settle(self, slope: float) -> None:
+        """Freeze what belongs to the values, and say what they cost with it: marginals are then of what is reported."""
+        self.cost = self.refreshed_cost(slope)
+
     def refreshed_cost(self, slope: float) -> float:
         """The cost of the current estimate with samples and weights of its own."""
         self.refresh(slope)
@@ -115,6 +120,7 @@ def solve(
         if id(problem) in best:
             start = (problem.cost_initial, starts[id(problem)])
             problem.cost, problem.values = min(best[id(problem)], start, key=lambda each: each[0])
+            _guarded(problem, lambda p: p.settle(last))
 
 
 def _begin(problem: Problem, slope: float) -> None:
@@ -221,8 +227,7 @@ def _propose(step: _Step) -> None:
 def _judge(step: _Step, config: LevenbergMarquardtConfig) -> None:
     problem = step.problem
     assert step.trial is not None
-    cost = problem.graph.error(step.trial)
-    problem.error_evaluations += 1
+    cost = _cost_of_trial(problem, step.trial)
     # capped: where next to nothing was predicted the ratio is that of rounding errors
     gain = min((problem.cost - cost) / max(step.predicted, 1e-300), 10.0)
     if np.isfinite(cost) and cost < problem.cost and gain > 1e-4:
@@ -236,6 +241,14 @@ def _judge(step: _Step, config: LevenbergMarquardtConfig) -> None:
     step.damping *= step.growth
     step.growth *= 2.0
     step.done = step.damping > 1e6 or step.predicted < 1e-9 * (1.0 + problem.cost)
+
+
+def _cost_of_trial(problem: Problem, trial: gtsam.Values) -> float:
+    problem.error_evaluations += 1
+    try:
+        return problem.graph.error(trial)
+    except NotFiniteError:  # the step was too long: a shorter one is tried
+        return np.inf
 
 
 def _damped(linear: gtsam.GaussianFactorGraph, damping: float) -> gtsam.GaussianFactorGraph:

@@ -48,18 +48,23 @@ def make_factor(kind: str, camera, rng: np.random.Generator, decoder=None):
     )  # fmt: skip
 
 
+CAMERAS = ["fixed", "variable", "on a body"]
+BODY_T_CAMERA = gtsam.Pose3(gtsam.Rot3.RzRyRx(-1.6, 0.1, -1.5), np.array([0.3, -0.1, 0.8]))
 KINDS = ["surface", "surface-propagated", "depth-full", "depth-independent", "depth-paper"]
 
 
 def problem(
-    kind: str, variable_camera: bool, seed: int, angle: float | None = None
+    kind: str, camera: str, seed: int, angle: float | None = None
 ) -> tuple[Any, gtsam.Values]:
     """A factor, which the tests may open, and the values it was made at."""
     rng = np.random.default_rng(seed)
     state, T_world_camera, values = random_state(rng, angle), random_camera(rng), gtsam.Values()
     state.insert(values, KEYS)
     values.insert(X(3), T_world_camera)
-    factor = make_factor(kind, X(3) if variable_camera else T_world_camera, rng)
+    factor = make_factor(kind, T_world_camera if camera == "fixed" else X(3), rng)
+    if camera == "on a body":
+        factor.body_T_camera = BODY_T_CAMERA
+        values.update(X(3), T_world_camera.compose(BODY_T_CAMERA.inverse()))
     factor.refresh(values, Annealing(slope=60.0))
     return factor, values
 
@@ -72,10 +77,10 @@ def moved(values: gtsam.Values, keys, dims, delta: np.ndarray) -> gtsam.Values:
 
 
 @pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("variable_camera", [False, True])
+@pytest.mark.parametrize("camera", CAMERAS)
 @pytest.mark.parametrize("angle", [1e-7, 1.0, np.pi - 1e-7])
-def test_error_is_the_loss_and_gradient_is_its(kind, variable_camera, angle):
-    factor, values = problem(kind, variable_camera, seed=5, angle=angle)
+def test_error_is_the_loss_and_gradient_is_its(kind, camera, angle):
+    factor, values = problem(kind, camera, seed=5, angle=angle)
     graph = gtsam.NonlinearFactorGraph()
     graph.push_back(factor.gtsam_factor())
     assert graph.error(values) == pytest.approx(factor.loss(values), rel=1e-9)
@@ -95,10 +100,10 @@ def test_error_is_the_loss_and_gradient_is_its(kind, variable_camera, angle):
 
 
 @pytest.mark.parametrize("kind", ["depth-full", "depth-independent", "depth-paper"])
-@pytest.mark.parametrize("variable_camera", [False, True])
-def test_rendered_quantity_jacobian(kind, variable_camera):
+@pytest.mark.parametrize("camera", CAMERAS)
+def test_rendered_quantity_jacobian(kind, camera):
     """Expected transmittance and rendered depth, through retract, with the majoriser's weights held."""
-    factor, values = problem(kind, variable_camera, seed=9)
+    factor, values = problem(kind, camera, seed=9)
     query = factor.query(values)
     value = factor.decoder(query.p_object, query.code[None])
     rendered = factor._render(query, value)
@@ -145,9 +150,9 @@ def _mean_depth(factor, values):
 
 
 @pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("variable_camera", [False, True])
-def test_marginals_of_the_reduced_factor_are_those_of_all_rows(kind, variable_camera):
-    factor, values = problem(kind, variable_camera, seed=6)
+@pytest.mark.parametrize("camera", CAMERAS)
+def test_marginals_of_the_reduced_factor_are_those_of_all_rows(kind, camera):
+    factor, values = problem(kind, camera, seed=6)
     rows = factor.rows(values)
     hessian = (rows.jacobian.T @ rows.jacobian).numpy() + np.eye(sum(factor.dims))
     graph = gtsam.NonlinearFactorGraph()
@@ -168,8 +173,8 @@ def test_marginals_of_the_reduced_factor_are_those_of_all_rows(kind, variable_ca
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_batched_decoding_changes_nothing(kind):
-    factor, values = problem(kind, True, seed=7)
-    other, other_values = problem("surface", True, seed=8)
+    factor, values = problem(kind, "variable", seed=7)
+    other, other_values = problem("surface", "variable", seed=8)
     other.decoder = factor.decoder
     values_alone, rows_alone = factor.loss(values), factor.rows(values)
     other_alone = other.loss(values)
@@ -184,15 +189,15 @@ def test_batched_decoding_changes_nothing(kind):
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_own_pose_and_key_agree_where_the_camera_is_the_same(kind):
-    fixed, values = problem(kind, False, seed=4)
-    free, _ = problem(kind, True, seed=4)
+    fixed, values = problem(kind, "fixed", seed=4)
+    free, _ = problem(kind, "variable", seed=4)
     assert fixed.loss(values) == pytest.approx(free.loss(values), rel=1e-12)
     columns = 9 + CODE_LENGTH
     torch.testing.assert_close(fixed.rows(values).jacobian, free.rows(values).jacobian[:, :columns])
 
 
 def test_code_of_another_length_is_named():
-    factor, values = problem("surface", False, seed=0)
+    factor, values = problem("surface", "fixed", seed=0)
     values.update(KEYS.code, np.zeros(CODE_LENGTH))
     values.erase(KEYS.code)
     values.insert(KEYS.code, np.zeros(CODE_LENGTH + 2))
@@ -201,7 +206,7 @@ def test_code_of_another_length_is_named():
 
 
 def test_a_residual_that_is_not_finite_names_the_keys():
-    factor, values = problem("surface", True, seed=0)
+    factor, values = problem("surface", "variable", seed=0)
     with torch.no_grad():
         factor.decoder.output.bias.fill_(torch.nan)
     factor._decoded = None
@@ -218,16 +223,18 @@ def test_bad_points_are_refused(points):
         SurfaceFactor(KEYS, make_decoder(), gtsam.Pose3(), points, np.full(len(points), 0.01))
 
 
-@pytest.mark.parametrize("variable_camera", [False, True])
-def test_rays_that_all_miss_the_object_say_nothing(variable_camera):
-    factor, values = problem("depth-full", variable_camera, seed=5)
+@pytest.mark.parametrize("camera", CAMERAS)
+@pytest.mark.parametrize("hits", [False, True])
+def test_rays_that_all_miss_the_object_pull_it_nowhere_and_only_hits_cost(hits, camera):
+    factor, values = problem("depth-full", camera, seed=5)
+    factor._rays = factor._rays.take(np.flatnonzero(factor._rays.hit == hits))
     T = values.atPose3(KEYS.pose)
     values.update(KEYS.pose, gtsam.Pose3(T.rotation(), T.translation() + np.array([50.0, 0, 0])))
     factor.refresh(values)
     prefetch([factor], values, jacobian=True)
     graph = gtsam.NonlinearFactorGraph()
     graph.push_back(factor.gtsam_factor())
-    assert graph.error(values) == 0
+    assert (graph.error(values) > 1) if hits else (graph.error(values) == 0)
     assert np.abs(graph.linearize(values).jacobian()[0]).max() == 0
 
 
@@ -252,7 +259,7 @@ class CountingDecoder:
 
 @pytest.mark.parametrize("kind", ["surface", "depth-full"])
 def test_freezing_again_where_it_was_frozen_asks_nothing(kind):
-    factor, values = problem(kind, True, seed=3)
+    factor, values = problem(kind, "variable", seed=3)
     factor.decoder = counting = CountingDecoder(factor.decoder)
     factor.refresh(values, Annealing(slope=60.0))
     assert counting.asked == 0
@@ -266,7 +273,7 @@ def test_freezing_again_where_it_was_frozen_asks_nothing(kind):
 
 @pytest.mark.parametrize("kind", ["surface", "depth-full"])
 def test_what_could_not_be_decoded_is_asked_for_again(kind):
-    factor, values = problem(kind, False, seed=3)
+    factor, values = problem(kind, "fixed", seed=3)
     before = factor.loss(values)
     factor.decoder = counting = CountingDecoder(factor.decoder)
     counting.broken = True
@@ -279,7 +286,7 @@ def test_what_could_not_be_decoded_is_asked_for_again(kind):
 
 
 def test_no_cell_lies_beyond_where_its_ray_ends():
-    factor, _ = problem("depth-full", False, seed=4)
+    factor, _ = problem("depth-full", "fixed", seed=4)
     frozen = factor._held
     ends = torch.minimum(frozen.targets.end, frozen.cells.far)
     last = frozen.cells.depth[:, -1] + 0.5 * frozen.cells.width[:, -1]

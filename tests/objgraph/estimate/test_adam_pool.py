@@ -4,11 +4,14 @@ from dataclasses import replace
 
 import gtsam
 import numpy as np
+import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from factors.rays import box_interval
 from factors.state import ObjectState
+from factors.rays import RayCells
+from factors.rendering import CLEAR
 from objgraph.estimate.pool import Pool
 from objgraph.estimate.terms import RaySteps, draw_rays
 from tests.objgraph.estimate.adam_cases import DECODER, OFF, views
@@ -70,17 +73,30 @@ def test_a_draw_repeats_nothing_and_keeps_rays_whole():
     np.testing.assert_array_equal(np.sort(whole.p_world, axis=0), np.sort(pool.p_world, axis=0))
 
 
-def test_drawn_rays_step_through_the_box_and_leave_out_who_cannot_meet_it():
+def test_drawn_rays_step_through_the_box_and_leave_out_free_ones_that_cannot_meet_it():
     state, steps = toy_state().retract(OFF), RaySteps(samples=20)
     pool = Pool.of(views())
     near, far = pool.rays.interval(state)
     aside = np.arange(len(near)) % 5 == 0  # every fifth ends before the box
     pool = Pool(pool.p_world, replace(pool.rays, end=np.where(aside, near - 0.01, pool.rays.end)))
     (drawn,) = draw_rays(DECODER, [state], [pool], steps)
-    kept = np.flatnonzero((far > near + 1e-3) & ~aside & (pool.rays.end > near))
+    meets = (far > near + 1e-3) & ~aside & (pool.rays.end > near)
+    counts = np.flatnonzero(meets | pool.rays.hit)  # a hit that misses the box is not explained
+    np.testing.assert_allclose(drawn.targets.depth, pool.rays.depth[counts])
+    np.testing.assert_array_equal(drawn.targets.hit, pool.rays.hit[counts])
+    missed = ~meets[counts]
+    assert missed.any()
+    assert (drawn.sdf[missed] == CLEAR).all()
+    assert (drawn.cells.width[missed] == 0).all()
+    assert not drawn.near[missed].any()
+    kept, inside = np.flatnonzero(meets), torch.as_tensor(~missed)
     assert drawn.count == len(near) > len(kept) > 0
-    np.testing.assert_allclose(drawn.targets.depth, pool.rays.depth[kept])
-    np.testing.assert_array_equal(drawn.targets.hit, pool.rays.hit[kept])
+    drawn = replace(
+        drawn,
+        cells=RayCells(*(part[inside] for part in vars(drawn.cells).values())),
+        sdf=drawn.sdf[inside],
+        near=drawn.near[inside],
+    )
     np.testing.assert_allclose(drawn.cells.far, far[kept])
     edges = np.linspace(near[kept], far[kept], 21, axis=1)
     np.testing.assert_allclose(drawn.cells.depth, 0.5 * (edges[:, 1:] + edges[:, :-1]))

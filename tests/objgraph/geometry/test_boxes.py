@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from objgraph.errors import EvaluationError
+from objgraph.errors import GeometryError
 from objgraph.geometry.boxes import OrientedBox, box_iou, intersection_volume
 
 numbers = st.floats(-2.0, 2.0, allow_nan=False)
@@ -66,7 +66,7 @@ def test_boxes_that_touch_or_are_apart_share_nothing(distance):
 
 
 def test_a_flat_box_is_refused():
-    with pytest.raises(EvaluationError, match="positive side lengths"):
+    with pytest.raises(GeometryError, match="positive side lengths"):
         OrientedBox(np.zeros(3), np.eye(3), np.array([1.0, 0.0, 1.0]))
 
 

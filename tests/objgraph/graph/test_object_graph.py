@@ -193,3 +193,15 @@ def test_the_caller_s_own_optimiser_works_after_refresh():
     angle, distance = pose_error(objects.state(handle).T_world_object, state.T_world_object)
     assert angle < np.radians(2)
     assert distance < 0.02
+
+
+def test_a_long_trajectory_is_no_deep_recursion():
+    """Chained backwards, as a union-find that recurses cannot follow."""
+    objects, count = empty(), 20_000
+    noise = gtsam.noiseModel.Isotropic.Sigma(6, 0.1)
+    for k in range(count):
+        objects.values.insert(X(k), gtsam.Pose3())
+    for k in range(count - 1):
+        objects.graph.push_back(gtsam.BetweenFactorPose3(X(k + 1), X(k), gtsam.Pose3(), noise))
+    (problem,) = objects.problems()
+    assert problem.values.size() == count

@@ -10,6 +10,7 @@ from gtsam.symbol_shorthand import L, X
 
 from factors.base import Annealing
 from factors.priors import code_prior, scale_prior, upright_prior
+from factors.reduce import guarded_factor
 from factors.state import ObjectKeys, ObjectState
 from factors.surface import SurfaceFactor
 from objgraph.errors import SolveError
@@ -277,6 +278,41 @@ def test_after_a_late_failure_the_last_good_values_stand(rounds):
     assert problem.graph.error(problem.values) < 0.7 * start
 
 
+def logarithm() -> Problem:
+    """One number of which the logarithm is measured: the first full step leads to where there is none."""
+    key, graph, values = L(0), gtsam.NonlinearFactorGraph(), gtsam.Values()
+
+    def evaluate(values: gtsam.Values, jacobian: bool):
+        (x,) = values.atVector(key)
+        with np.errstate(invalid="ignore"):
+            residual = np.array([np.log(x) - np.log(0.01)])
+        return residual, [np.array([[1 / x]])] if jacobian else None
+
+    graph.push_back(guarded_factor([key], [1], 1, evaluate, "Logarithm"))
+    values.insert(key, np.array([3.0]))
+    return Problem("logarithm", graph, values, [])
+
+
+def test_a_step_to_where_nothing_is_finite_is_taken_back_and_a_shorter_one_is_tried():
+    problem = logarithm()
+    minimize(problem, TIGHT)
+    assert problem.failure is None
+    assert problem.values.atVector(L(0))[0] == pytest.approx(0.01)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_what_is_frozen_is_that_of_the_values(seed):
+    """Whichever round was best, the graph's cost and marginals are those of what `solve` reports."""
+    problem = chair_problem()
+    rng = np.random.default_rng(seed)
+    state = ObjectState.from_values(problem.values, ObjectKeys.numbered(0))
+    state.retract(0.05 * rng.normal(size=13)).update(problem.values, ObjectKeys.numbered(0))
+    solve([problem], SolverConfig(slopes=(200.0,), rounds=4, relative_tolerance=-np.inf))
+    assert problem.graph.error(problem.values) == pytest.approx(problem.cost, rel=1e-9)
+    problem.refresh(200.0)
+    assert problem.graph.error(problem.values) == pytest.approx(problem.cost, rel=1e-9)
+
+
 def test_an_undetermined_problem_is_solved_as_far_as_it_goes():
     free, determined = pose_graph(prior=False), pose_graph()
     solve([free, determined])
@@ -335,10 +371,11 @@ def test_rounds_stop_where_nothing_is_gained():
 
 def test_a_worse_last_round_is_not_kept():
     """A refresh may raise the cost; what is returned is the best of the last slope, not the last."""
-    problem = Recorded.of(chair_problem())
+    problem = Recorded.of(chair_problem(1.5))
     solve([problem], SolverConfig(slopes=(200.0,), rounds=3, relative_tolerance=-np.inf))
-    costs = [cost for _, cost in problem.refreshed]
+    *costs, settled = [cost for _, cost in problem.refreshed]
     assert len(costs) > 3
+    assert settled == pytest.approx(min(costs), rel=1e-9)
     assert min(costs) < costs[-1]  # or this start would show nothing
     assert problem.cost == pytest.approx(min(costs), rel=1e-9)
     problem.refresh(200.0)
