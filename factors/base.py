@@ -43,6 +43,8 @@ class ObservationFactor(ABC):
 
     `camera` is T_world_camera, or the key of a `Pose3` that holds it. With `body_T_camera` it is the pose of a body
     on which the camera is fixed: T_world_camera = T_world_body * body_T_camera.
+
+    The decoder may be on another device: it is asked there, its answers come to the CPU, where GTSAM and all else is.
     """
 
     def __init__(
@@ -172,7 +174,7 @@ class ObservationFactor(ABC):
         value = self.known_value(query)
         if value is None:
             with torch.no_grad():
-                value = self.decoder(query.p_object, query.code[None])
+                value = self.decoder(query.p_object, query.code[None]).cpu()
             self.remember(query, value)
         return value
 
@@ -180,7 +182,8 @@ class ObservationFactor(ABC):
         jet = self.known_jet(query)
         if jet is None:
             value = self._value(query)
-            jet = self.decoder.linearize(query.p_object[self.active(query, value)], query.code[None])
+            some = query.take(self.active(query, value))
+            jet = self.decoder.linearize(some.p_object, query.code[None]).cpu()
             self.remember(query, value, jet)
         return jet
 

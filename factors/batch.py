@@ -25,7 +25,7 @@ def decode(queries: Sequence[tuple[ObservationFactor, SdfQuery]], jacobian: bool
     for batch in _batches([item for item in queries if item[0].known_value(item[1]) is None]):
         points, codes, owner, sizes = _stack(batch)
         with torch.no_grad():
-            found = batch[0][0].decoder(points, codes, owner).split(sizes)
+            found = batch[0][0].decoder(points, codes, owner).cpu().split(sizes)
         for (factor, query), value in zip(batch, found, strict=True):
             factor.remember(query, value)
     if jacobian:
@@ -42,7 +42,7 @@ def _prefetch_jets(queries: list[tuple[ObservationFactor, SdfQuery]]) -> None:
         whole[id(factor)] = query, value
     for batch in _batches(some):
         points, codes, owner, sizes = _stack(batch)
-        jet = batch[0][0].decoder.linearize(points, codes, owner)
+        jet = batch[0][0].decoder.linearize(points, codes, owner).cpu()
         for (factor, _), *parts in zip(batch, *(part.split(sizes) for part in jet), strict=True):
             factor.remember(*whole[id(factor)], SdfJet(*parts))
 

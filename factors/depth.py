@@ -114,7 +114,7 @@ class DepthFactor(ObservationFactor):
         p_camera = self._points(meets, cells.depth)
         query = query_points(self.decoder, state, camera, p_camera)
         with torch.no_grad():
-            value = self.decoder(query.p_object, query.code[None])
+            value = self.decoder(query.p_object, query.code[None]).cpu()
         self.remember(query, value)
         metric = self._metric(query, value, state)
         metres = metric.metres.view_as(cells.depth)
@@ -204,7 +204,7 @@ class DepthFactor(ObservationFactor):
         coarse = coarse_depths(start, end, self._sampling.coarse)
         query = query_points(self.decoder, state, camera, self._points(meets, coarse))
         with torch.no_grad():
-            sdf = self.decoder(query.p_object, query.code[None]).double().view_as(coarse)
+            sdf = self.decoder(query.p_object, query.code[None]).cpu().double().view_as(coarse)
         metres = float(np.exp(state.log_scale.mean()))
         band = (0.5 * (end - start) / self._sampling.coarse).clamp_min(2.0 / annealing.slope)
         step_at = torch.minimum(targets.stop, targets.end)
@@ -217,7 +217,7 @@ class DepthFactor(ObservationFactor):
         share = torch.full((len(value), 3), 1 / 3, dtype=torch.float64)
         near = torch.nonzero(value.abs() < _NEAR)[:, 0]
         if len(near):
-            jet = self.decoder.linearize(query.p_object[near], query.code[None])
+            jet = self.decoder.linearize(query.take(near).p_object, query.code[None]).cpu()
             metres[near], share[near], _ = MetricSdf.of(jet.d_point, state)
         return MetricSdf(metres, share, np.array(state.log_scale))
 

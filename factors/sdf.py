@@ -33,7 +33,11 @@ class SdfQuery:
 
     def take(self, indices: Int[Tensor, "m"]) -> "SdfQuery":
         """Some of the points."""
-        return replace(self, p_object=self.p_object[indices], p_camera=self.p_camera[indices.cpu().numpy()])
+        return replace(
+            self,
+            p_object=self.p_object[indices.to(self.p_object.device)],
+            p_camera=self.p_camera[indices.cpu().numpy()],
+        )
 
 
 def query_points(
@@ -72,8 +76,9 @@ def sdf_jacobian(query: SdfQuery, jet: SdfJet, camera: bool) -> Float[Tensor, "n
     scale = torch.as_tensor(query.state.scale, dtype=dtype, device=device)
     h = jet.d_point / scale
     # q is p_object in metres; h^T [q]x = (q x h)^T up to sign: h . (q x w) = w . (h x q)
-    q = query.p_object * scale
-    columns = [torch.linalg.cross(h, q), -h, -(jet.d_point * query.p_object), jet.d_code]
+    p_object = query.p_object.to(device)  # the decoder's may be another than the jet's
+    q = p_object * scale
+    columns = [torch.linalg.cross(h, q), -h, -(jet.d_point * p_object), jet.d_code]
     if camera:
         R_object_camera = (
             query.state.T_world_object.rotation().matrix().T @ query.T_world_camera.rotation().matrix()

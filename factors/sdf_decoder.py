@@ -21,6 +21,10 @@ class SdfJet(NamedTuple):
     d_point: Float[Tensor, "n 3"]
     d_code: Float[Tensor, "n l"]
 
+    def cpu(self) -> "SdfJet":
+        """The same where the factors compute, wherever the decoder is."""
+        return SdfJet(self.value.cpu(), self.d_point.cpu(), self.d_code.cpu())
+
 
 class SdfDecoder(nn.Module, ABC):
     """Signed distance of canonical points, for one or many shape codes.

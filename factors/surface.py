@@ -76,7 +76,7 @@ class SurfaceFactor(ObservationFactor):
         if (place := place_of(state, camera, annealing)) == self._frozen_at:
             return
         query = query_points(self.decoder, state, camera, self._points_camera)
-        jet = self.decoder.linearize(query.p_object, query.code[None])
+        jet = self.decoder.linearize(query.p_object, query.code[None]).cpu()
         self.remember(query, jet.value, jet)
         metric = MetricSdf.of(jet.d_point, state)
         variance = self._sensor_sigma**2 + (self._prior_sigma * metric.metres) ** 2

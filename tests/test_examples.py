@@ -9,31 +9,40 @@ from pathlib import Path
 
 import pytest
 
-from objgraph.datasets.trajectory import read_tum
+from objgraph.datasets.trajectory import absolute_trajectory_error, read_tum
 from tests.conftest import REPOSITORY
+from tests.test_main_job import criteria
 
 
 def maps_every_object(out: Path) -> None:
     objects = json.loads((out / "map.json").read_text())["objects"]
-    assert sorted(entry["category"] for entry in objects) == ["chair"] * 4 + ["table"] * 2
-    assert all(entry["status"] == "mapped" for entry in objects)
+    met = criteria(objects)
+    assert met["iou"] == met["chamfer"] == len(objects) == 6
+    assert met["pose"] >= 5  # a table may stand a quarter turn off
     assert (out / "map.png").stat().st_size > 10_000
+
+
+def hold_the_cameras(out: Path, suffix: str, frames: int) -> None:
+    """The trajectories that were written; errors were 0.11 to 0.28 of odometry's over four draws."""
+    truth, odometry, held = (
+        read_tum(out / f"{name}{suffix}.txt") for name in ("truth", "odometry", "with_objects")
+    )
+    assert len(held) == frames
+    error = absolute_trajectory_error(held, truth)
+    assert 0 < error < 0.5 * absolute_trajectory_error(odometry, truth)
+    metrics = json.loads((out / "metrics.json").read_text())
+    assert metrics["ate_with_objects_m"] == pytest.approx(error, rel=1e-3)
 
 
 def objects_hold_the_cameras(out: Path) -> None:
-    metrics = json.loads((out / "metrics.json").read_text())
-    assert 0 < metrics["ate_with_objects_m"] < metrics["ate_odometry_m"]
-    assert metrics["seeds"][0]["ate_odometry_m"] == metrics["ate_odometry_m"]
+    hold_the_cameras(out, "_0", 12)
     assert (out / "trajectories.png").stat().st_size > 10_000
-    assert len(read_tum(out / "with_objects_0.txt")) == 12
 
 
 def a_map_grows(out: Path) -> None:
-    metrics = json.loads((out / "metrics.json").read_text())
-    assert metrics["objects"] == metrics["objects_in_the_room"] == 1
-    assert metrics["ate_with_objects_m"] < 1.5 * metrics["ate_odometry_m"]
+    assert json.loads((out / "metrics.json").read_text())["objects"] == 1  # no double of it
+    hold_the_cameras(out, "", 7)
     assert (out / "map.png").stat().st_size > 10_000
-    assert len(read_tum(out / "with_objects.txt")) == 7
 
 
 def the_next_view_is_chosen(out: Path) -> None:
@@ -78,9 +87,10 @@ def run_example(name: str, out: Path) -> str:
 
 @pytest.mark.parametrize("name", EXAMPLES)
 def test_example(name: str, tmp_path: Path):
-    run_example(name, tmp_path / "out")
+    printed = run_example(name, tmp_path / "out")
     EXAMPLES[name][1](tmp_path / "out")
     if name == "slam_with_objects":  # its finished seeds are not run again
+        assert "adding objects" in printed
         before = (tmp_path / "out" / "metrics.json").read_text()
         assert "adding objects" not in run_example(name, tmp_path / "out")
         assert (tmp_path / "out" / "metrics.json").read_text() == before

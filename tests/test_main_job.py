@@ -49,9 +49,8 @@ def test_the_sample_scan_is_mapped(tmp_path):
     objects = run_map(tmp_path / "map", "--dataset", "sample", "--root", str(tmp_path / "sample"))
     assert len(objects) == 6
     met = criteria(objects)
-    assert met["chamfer"] >= 5
-    assert met["iou"] >= 5
-    assert met["pose"] >= 3
+    assert met["iou"] == met["chamfer"] == 6
+    assert met["pose"] >= 5  # rounding decides the heading of table 5 (docs/results.md)
     loaded = ObjectMap.load(tmp_path / "map")
     assert [entry.id for entry in loaded.objects] == [entry["id"] for entry in objects]
 
@@ -63,9 +62,8 @@ def test_a_real_scan_is_mapped(shared_data, tmp_path):
     assert [entry["category"] for entry in objects].count("chair") == 5
     assert [entry["category"] for entry in objects].count("table") == 1
     met = criteria(objects)
-    assert met["chamfer"] >= 5
-    assert met["iou"] >= 5
-    assert met["pose"] >= 4
+    assert met["iou"] == met["chamfer"] == len(objects) == 7
+    assert met["pose"] >= 6  # the trash can's scale is nearly too far off
     assert np.median([entry["evaluation"]["chamfer_m"] for entry in objects]) <= 0.04
 
 
@@ -73,7 +71,7 @@ def test_a_real_scan_is_mapped(shared_data, tmp_path):
 def test_a_scan_of_a_real_sensor_is_mapped(shared_data, tmp_path, scene):
     root = str(shared_data / "sevenscenes")
     objects = run_map(tmp_path, "--dataset", "sevenscenes", "--root", root, "--scene", scene)
-    assert sum(entry["status"] == "mapped" for entry in objects) >= 4
+    assert [entry["status"] for entry in objects] == ["mapped"] * 6
 
 
 def test_a_missing_cad_model_costs_the_evaluation_and_not_the_map(tmp_path, caplog):

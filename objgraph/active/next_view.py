@@ -55,7 +55,7 @@ class ViewConfig:
     evidence: float = GraphConfig.evidence
     """As `GraphConfig.evidence`."""
     temperature: float = QuarterTurnsConfig.temperature
-    """As `QuarterTurnsConfig.temperature`: so many nats between two headings are believed as one."""
+    """As `QuarterTurnsConfig.temperature`: so much cost between two headings is believed as one nat."""
     min_share: float = 0.1
     """Of an object's surface that must be seen for the view to be one of it."""
 
@@ -171,7 +171,8 @@ def divergence(
     scene: o3d.t.geometry.RaycastingScene,
     config: ViewConfig,
 ) -> float:
-    """Nats by which a view of this surface is expected to speak for it and against one at these distances from its points."""
+    """Cost that a view of this surface is expected to put on one at these distances from its points: half squared distances,
+    as the factors' scores nearly are while they are small."""
     seen = visible(surface, T_world_camera, scene, config)
     if seen.mean() < config.min_share:
         return 0.0
@@ -263,7 +264,7 @@ class _Judge:
     def _apart(
         self, other: OtherHeading, camera: gtsam.Pose3, scene: o3d.t.geometry.RaycastingScene
     ) -> float:
-        """Nats between the object as it was found and turned, the mean of both views of it."""
+        """Cost between the object as it was found and turned, the mean of both views of it."""
         own = divergence(self.known, other.of_own, camera, self.scene, self.config)
         return 0.5 * (own + divergence(other, other.to_own, camera, scene, self.config))
 

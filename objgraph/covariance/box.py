@@ -56,7 +56,7 @@ def box_pose(
     then the extents, nearer to the true ones than those of the mesh, which are drawn short (docs/covariances.md). Of any
     other prior it is the box about `p_object`, the canonical vertices of the object's mesh, which are made where they
     are not given.
-    By default the misfit is the prior's own; `view_cost`, nats a view at the estimate, says how well the
+    By default the misfit is the prior's own; `view_cost`, the cost of a view at the estimate, says how well the
     prior makes this object. `turns` widen the covariance by the other headings that the object may have: to the second
     moment of all about this one.
 

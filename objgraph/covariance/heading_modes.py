@@ -34,7 +34,10 @@ class Turns:
     def of_costs(
         costs: Float[np.ndarray, "4"], temperature: float, states: tuple[ObjectState | None, ...] = ()
     ) -> "Turns":
-        """From negative log-posteriors, the estimate's own first; one that is not finite has no chance."""
+        """From costs (weighted scores), the estimate's own first; one that is not finite has no chance.
+
+        `temperature` is the cost that counts as one nat; it has to be fitted, for costs are no log-posteriors.
+        """
         costs = np.where(np.isfinite(costs), costs, np.inf)
         weight = np.exp((costs.min() - costs) / temperature)
         return Turns(weight / weight.sum(), states)

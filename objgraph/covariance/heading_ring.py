@@ -21,8 +21,7 @@ def with_other_headings(
 ) -> ObjectCovariance:
     """The covariance with the headings in it that are about as likely as the estimate's own.
 
-    `costs` gives the negative log-posteriors of the object turned by 0, 1, ... of the `HEADINGS` steps about its up
-    axis, all else held; it is asked only where the heading is doubtful. What the variance of the heading so found
+    `costs` gives what the object costs turned by 0, 1, ... of the `HEADINGS` steps about its up axis, all else held; it is asked only where the heading is doubtful. What the variance of the heading so found
     exceeds the Gaussian's own by, everything else being held, is added: nothing where the posterior is Gaussian,
     up to the uniform distribution's pi^2 / 3.
     """
@@ -35,7 +34,10 @@ def with_other_headings(
 
 
 def heading_variance(costs: Float[np.ndarray, "n"]) -> float:
-    """Mean square of the angle from the first heading, of n evenly spaced ones with these negative log-posteriors."""
+    """Mean square of the angle from the first heading, of n evenly spaced ones with these costs.
+
+    They are taken as negative log-posteriors, at temperature one; they are weighted scores, and none was fitted here.
+    """
     costs = np.where(np.isfinite(costs), costs, np.inf)  # where the decoder fails, the object is not
     angle = 2 * np.pi * np.arange(len(costs)) / len(costs)
     angle = np.minimum(angle, 2 * np.pi - angle)

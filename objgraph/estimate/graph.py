@@ -69,7 +69,7 @@ class GraphEstimator:
         solve([single for _, single, _ in better], self.solver)
         for attempt, single, turns in better:
             attempt.tried.append(single)
-            # few points often prefer a heading that all of them do not, and less than a believed nat is chance
+            # few points often prefer a heading that all of them do not, and less than the temperature is chance
             enough = attempt.chosen.cost - config.temperature
             if single.failure is None and single.cost < enough:
                 attempt.chosen, attempt.turns = single, turns

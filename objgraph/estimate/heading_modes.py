@@ -36,8 +36,9 @@ class QuarterTurnsConfig:
         )
     )
     temperature: float = 5.0
-    """Nats of cost that count as one: what the prior cannot make tells headings apart by chance, as noise does not. The
-    likeliest on development objects (docs/covariances.md). A turn that costs less by less than this is not taken."""
+    """Cost that counts as one nat. Costs are weighted energy scores, no log-likelihoods, and what the prior cannot make tells
+    headings apart by chance, as noise does not: the likeliest on development objects (docs/covariances.md). A turn that
+    costs less by less than this is not taken."""
 
 
 @dataclass(frozen=True)

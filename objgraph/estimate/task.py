@@ -49,7 +49,7 @@ class Estimate:
     error_evaluations: int
     """Evaluations of the loss alone."""
     view_cost: float | None = None
-    """Nats that a view costs at the estimate; None where the objective is no likelihood."""
+    """What a view costs at the estimate, in the weighted scores of the factors; None where the objective is another."""
     turns: Turns | None = None
     """How likely the object stands otherwise; None where no quarter turn of it has a chance, or none was tried."""
 

@@ -180,7 +180,9 @@ def rank(
     solve([problems[i] for i in shortlist], SolverConfig((config.slope,), 2, inner=config.inner))
     shortlist = [i for i in shortlist if problems[i].failure is None]
     if not shortlist:
-        raise InitialisationError(f"none of {len(states)} guesses could be solved: {problems[0].failure}")
+        # the first guess itself may have been left out before any that went on failed
+        failure = next(problem.failure for problem in problems if problem.failure is not None)
+        raise InitialisationError(f"none of {len(states)} guesses could be solved: {failure}")
     best = []
     for i in sorted(shortlist, key=lambda i: problems[i].cost):
         state = problems[i].state

@@ -4,7 +4,7 @@ import logging
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from functools import cache, partial
+from functools import partial
 from pathlib import Path
 
 from objgraph.errors import ObjectGraphError, SolveError
@@ -52,7 +52,7 @@ def map_lidar(
     config = config or LidarMappingConfig()
     tell = progress or (lambda what, done, total: None)
     given = [load_prior_file(Path(path)) for path in config.priors]
-    find_prior = cache(partial(prior_for, given=given))  # one prior, and one warning, a category
+    find_prior = partial(prior_for, given=given)
     begun = time.perf_counter()
     tasks: dict[int, EstimationTask] = {}
     entries: dict[int, MappedObject] = {}

@@ -166,7 +166,7 @@ class MappedObject:
 
     @property
     def view_cost(self) -> float | None:
-        """Nats that a view costs, for `box_pose`; None of another estimator than the graph."""
+        """What a view costs, in the factors' scores, for `box_pose`; None of another estimator than the graph."""
         if self.estimator != "graph" or self.cost_final is None or not self.views:
             return None
         return self.cost_final / len(self.views)

@@ -5,7 +5,7 @@ import time
 from collections.abc import Callable, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
-from functools import cache, partial
+from functools import partial
 from pathlib import Path
 from typing import Literal
 
@@ -86,7 +86,7 @@ def map_scan(scan: Scan, config: MappingConfig | None = None, progress: Progress
     """
     config = config or MappingConfig()
     given = [load_prior_file(Path(path)) for path in config.priors]
-    find_prior = cache(partial(prior_for, given=given))  # one prior, and one warning, a category
+    find_prior = partial(prior_for, given=given)
     tell = progress or (lambda what, done, total: None)
     index = summarize(scan.frames, config.view, lambda done, total: tell("reading frames", done, total))
     floor = scene_floor(scan)

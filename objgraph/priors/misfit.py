@@ -24,9 +24,9 @@ class BoxMisfit:
     marginals: float = 1.0
     """Factor on the variances that the marginals give the box."""
     view_cost: float = 50.0
-    """Nats that a view of an object usually costs. Of one that costs more the prior makes less, and all variances are as
-    many times larger: the variance of unit weight of least squares, a posteriori (Mikhail, "Observations and Least
-    Squares", 1976)."""
+    """What a view of an object usually costs, in the factors' scores. Of one that costs more the prior makes less, and all
+    variances are as many times larger, as least squares has it of squared residuals: the variance of unit weight, a
+    posteriori (Mikhail, "Observations and Least Squares", 1976)."""
 
     def __post_init__(self) -> None:
         """Raises:

@@ -2,6 +2,8 @@
 
 import logging
 from collections.abc import Sequence
+from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 from objgraph.errors import PriorError
@@ -45,7 +47,7 @@ def available_priors() -> tuple[str, ...]:
 
 
 def load_prior(category_or_path: str | Path) -> ShapePrior:
-    """The prior of a category (or one of its aliases), or of a `.safetensors` file.
+    """The prior of a category (or one of its aliases), or of a `.safetensors` file; read anew, the caller's own.
 
     Raises:
         PriorError: an unknown category (the message names those there are), or a file that is no prior.
@@ -53,9 +55,8 @@ def load_prior(category_or_path: str | Path) -> ShapePrior:
     path = Path(category_or_path)
     if path.suffix == ".safetensors":
         return load_prior_file(path)
-    name = str(category_or_path).strip().lower()
-    shipped = WEIGHTS / f"{ALIASES.get(name, name)}.safetensors"
-    if shipped.stem not in available_priors():
+    shipped = _shipped_file(str(category_or_path))
+    if shipped is None:
         known = ", ".join(available_priors()) or "none is installed"
         raise PriorError(
             f"there is no shape prior for category {str(category_or_path)!r}; available: {known} "
@@ -67,23 +68,55 @@ def load_prior(category_or_path: str | Path) -> ShapePrior:
 def prior_for(category: str, given: Sequence[ShapePrior] = ()) -> ShapePrior:
     """The prior to map objects of a category with: one of those given, the shipped one, or the labelled fallback.
 
-    Unlike `load_prior`, which answers a request by name, this survives every category; a warning says what the
-    fallback lacks and how to do better.
+    Unlike `load_prior`, which answers a request by name, this survives every category; a category's first warning says
+    what the fallback lacks and how to do better. All who ask in a process share one prior, so that their objects are
+    decoded together: leave it as it is.
 
     Raises:
         PriorError: the category's own file is damaged.
     """
-    name = category.strip().lower()
+    name = _named(category)
     for prior in given:
         if prior.category.lower() in (name, ALIASES.get(name)):
             return prior
-    if ALIASES.get(name, name) in available_priors():
-        return load_prior(category)
+    shipped = _shipped_file(category)
+    if shipped is not None:
+        return _shared(shipped)
+    _warn_of_fallback(name)
+    return _stand_in(category)
+
+
+def _named(category: str) -> str:
+    return category.strip().lower()
+
+
+def _shipped_file(category: str) -> Path | None:
+    name = _named(category)
+    name = ALIASES.get(name, name)
+    return WEIGHTS / f"{name}.safetensors" if name in available_priors() else None
+
+
+@cache
+def _shared(shipped: Path) -> ShapePrior:
+    return load_prior_file(shipped)
+
+
+@cache
+def _stand_in(category: str) -> ShapePrior:
+    return replace(_superquadric(), category=category)
+
+
+@cache
+def _superquadric() -> ShapePrior:
+    return fallback_prior(NAME)
+
+
+@cache
+def _warn_of_fallback(name: str) -> None:
     log.warning(
         "no shape prior for category '%s': a %s stands in (priors: %s; `objgraph train` makes one from a folder of "
         "meshes, `objgraph convert-prior` from a DeepSDF checkpoint)",
-        category,
+        name,
         NAME,
         ", ".join(available_priors()) or "none is installed",
     )
-    return fallback_prior(category)

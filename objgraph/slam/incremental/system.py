@@ -117,6 +117,7 @@ class IncrementalSystem:
         _entered(observations, quadratics, numbers[len(factors) :], at)
         for entry, observation in seen:
             entry.observations.append(observation)
+            entry.views += 1
 
     def add_object(self, entry: TrackedObject, state: ObjectState, placed: Sequence[Placed]) -> None:
         """An object with its priors and its views, from cameras of the map.
@@ -154,6 +155,7 @@ class IncrementalSystem:
         entry.numbers = numbers[: len(priors)]
         _entered(observations, quadratics, numbers[len(priors) :], at)
         entry.observations = [*observations]
+        entry.views = entry.views_solved = len(entry.placed_views)
         self.objects.append(entry)
 
     def adopt(
@@ -174,6 +176,7 @@ class IncrementalSystem:
         quadratics = linearize(observations, at, self.slope)
         _entered(observations, quadratics, self.commit(quadratics, remove=remove), at)
         entry.observations += observations
+        entry.views += len(placed) if instead_of is None else instead_of.views
         if instead_of is not None:
             self.objects.remove(instead_of)
 
@@ -209,6 +212,7 @@ class IncrementalSystem:
         Mends what was settled by few views; costs some linearisations of every view, so it is for now and then.
         Raises SolveError, and has then changed nothing.
         """
+        entry.views_solved = entry.views  # one that fails would otherwise be tried at every frame
         self._prune(entry)
         placed = entry.placed_views
         some = np.unique(np.linspace(0, len(placed) - 1, min(len(placed), _RESOLVED)).astype(int))

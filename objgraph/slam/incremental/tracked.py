@@ -56,6 +56,10 @@ class TrackedObject:
     observations: list[Observation] = field(default_factory=list)
     numbers: list[int] = field(default_factory=list)
     """Its priors' numbers among the smoother's factors."""
+    views: int = 0
+    """How often it was ever seen; with a lag, more than it has observations of."""
+    views_solved: int = 0
+    """How often it had been seen when it was last solved as a whole."""
 
     @property
     def placed_views(self) -> list[tuple[int, ObjectView]]:
@@ -64,9 +68,8 @@ class TrackedObject:
 
     @property
     def is_due(self) -> bool:
-        """Whether it is to be solved again as a whole: each time the number of its views has doubled, from 5 on."""
-        views = len(self.placed_views)
-        return views >= 5 and (views - 1) & (views - 2) == 0
+        """Whether it is to be solved again as a whole: at 5 views, then each time that they have doubled (9, 17, ...)."""
+        return self.views >= max(5, 2 * self.views_solved - 1)
 
     def candidate(
         self, state: ObjectState, covariance: Callable[[], Float[np.ndarray, "d d"]]

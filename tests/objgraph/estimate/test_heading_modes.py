@@ -58,7 +58,7 @@ def test_a_chair_that_was_found_the_wrong_way_round_is_turned(quarter):
 
 
 def test_a_turn_that_is_cheaper_by_chance_is_not_taken():
-    """By less than a believed nat: of the same two costs a larger temperature makes one of chance."""
+    """By less than the temperature: of the same two costs a larger temperature makes one of chance."""
     given = replace(task(starts=(turned(TRUE.retract(OFF), 2, PRIOR),)), prior=PRIOR)
     plain = GraphEstimator(solver=SolverConfig(rounds=3), turns=None).estimate([given])[0]
     unsure = replace(EVERY, temperature=1e6)

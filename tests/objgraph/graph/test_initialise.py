@@ -8,12 +8,14 @@ import pytest
 
 from factors.state import ObjectState
 from objgraph.errors import InitialisationError
+from objgraph.graph import initialise
 from objgraph.graph.builder import GraphConfig, ObjectBuilder
 from objgraph.graph.initialise import (
     InitialisationConfig,
     guesses,
     rank,
 )
+from objgraph.graph.solve import Problem, SolverConfig
 from objgraph.observation.sampling import ObjectView, SamplingConfig, observe
 from objgraph.priors.mesh import extract_mesh
 from tests.objgraph.graph.test_initial_box import cuboid, turned
@@ -126,6 +128,23 @@ def test_ranking_is_cheapest_first_and_drops_what_cannot_be_solved():
     assert len(best) <= 2
     with pytest.raises(InitialisationError, match=r"none of 2 guesses could be solved: .*o0"):
         rank(toy_prior(), views, [lost, lost], ObjectBuilder(up_world=UP), InitialisationConfig())
+
+
+def test_a_shortlist_that_fails_says_why(monkeypatch):
+    """Though the first guess, which was not on it, never did."""
+    rounds = []
+
+    def solve(problems: list[Problem], config: SolverConfig) -> None:
+        rounds.append(config)
+        for cost, problem in zip((2.0, 1.0), problems, strict=False):
+            problem.cost = cost
+            problem.failure = "o0 is lost" if len(rounds) == 2 else None
+
+    monkeypatch.setattr(initialise, "solve", solve)
+    views = [observe(toy_frame([toy_state()], 0.3), 1, SAMPLING)]
+    config = InitialisationConfig(shortlist=1)
+    with pytest.raises(InitialisationError, match=r"none of 2 guesses could be solved: o0 is lost"):
+        rank(toy_prior(), views, [toy_state(), toy_state()], ObjectBuilder(up_world=UP), config)
 
 
 def test_the_mean_shape_s_extents_are_the_prior_s():

@@ -1,0 +1,50 @@
+"""Priors by category: loaded once a process, shared by all who ask."""
+
+import logging
+from dataclasses import replace
+
+import gtsam
+import numpy as np
+import pytest
+
+import objgraph
+from factors.state import ObjectState
+from objgraph.priors.fallback import fallback_prior
+from objgraph.priors.registry import load_prior, prior_for
+from objgraph.priors.store import save_prior
+
+
+def test_three_chairs_by_name_share_one_decoder():
+    objects = objgraph.ObjectGraph(
+        gtsam.NonlinearFactorGraph(), gtsam.Values(), up_world=np.array([0, 0, 1.0])
+    )
+    state = ObjectState(gtsam.Pose3(), np.zeros(3), np.zeros(64))
+    handles = [objects.add_object(name, state) for name in ("chair", "chair", "Office Chair")]
+    assert len({id(handle.prior.decoder) for handle in handles}) == 1
+
+
+@pytest.mark.parametrize("names", [("table", "desk", "Dining Table"), ("wardrobe", "wardrobe")])
+def test_a_category_and_its_aliases_are_one_prior(names):
+    assert len({id(prior_for(name)) for name in names}) == 1
+
+
+def test_stand_ins_keep_the_category_asked_for_share_a_decoder_and_warn_once_each(caplog):
+    asked = ["Harp", "harp", "gong", "Harp"]
+    with caplog.at_level(logging.WARNING):
+        priors = [prior_for(category) for category in asked]
+    assert [prior.category for prior in priors] == asked
+    assert len({id(prior.decoder) for prior in priors}) == 1
+    assert sum("stands in" in record.getMessage() for record in caplog.records) == 2
+
+
+def test_a_prior_that_was_loaded_by_name_is_one_s_own():
+    """It may be trained on, or moved to another device, and nobody else notices."""
+    assert load_prior("chair").decoder is not prior_for("chair").decoder
+    assert load_prior("chair").decoder is not load_prior("chair").decoder
+
+
+def test_a_file_that_was_written_anew_is_read_anew(tmp_path):
+    path = tmp_path / "lamp.safetensors"
+    for size in (0.5, 0.6):
+        save_prior(replace(fallback_prior("lamp"), size_mean=size), path)
+        assert load_prior(path).size_mean == size
