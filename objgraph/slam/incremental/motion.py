@@ -1,4 +1,4 @@
-"""What odometry says of a new camera: where it is, how surely, and the factor that says so."""
+"""What odometry says of a new camera: where it is, how surely, and the factors that say so."""
 
 from dataclasses import dataclass
 
@@ -18,9 +18,10 @@ class Motion:
     """The odometry's own pose of the new camera."""
     predicted: gtsam.Pose3
     """T_world_camera of the new camera in the map."""
-    factor: gtsam.NonlinearFactor
+    factors: tuple[gtsam.NonlinearFactor, ...] = ()
+    """What says so."""
     known: tuple[int, ...] = ()
-    """The last camera's key; empty for the first frame."""
+    """The last camera's key; empty for the first frame, and the new camera's where the map has it already."""
     T_previous_current: gtsam.Pose3 | None = None
     covariance: Float[np.ndarray, "6 6"] | None = None
     """Of the motion, in the new camera's frame."""
@@ -40,7 +41,7 @@ def anchored(camera: int, odometry: gtsam.Pose3, config: IncrementalConfig) -> M
     """The first camera: the map begins where the odometry does."""
     sigmas = np.repeat([config.anchor_rotation, config.anchor_translation], 3)
     factor = gtsam.PriorFactorPose3(camera, odometry, gtsam.noiseModel.Diagonal.Sigmas(sigmas))
-    return Motion(odometry, odometry, factor)
+    return Motion(odometry, odometry, (factor,))
 
 
 def moved(
@@ -56,7 +57,12 @@ def moved(
     model = noise.model(T_previous_current)
     factor = gtsam.BetweenFactorPose3(previous, camera, T_previous_current, model)
     predicted = T_world_previous.compose(T_previous_current)
-    return Motion(now, predicted, factor, (previous,), T_previous_current, np.diag(model.sigmas() ** 2))
+    return Motion(now, predicted, (factor,), (previous,), T_previous_current, np.diag(model.sigmas() ** 2))
+
+
+def known_already(camera: int, T_world_camera: gtsam.Pose3) -> Motion:
+    """A camera that the map has: nothing is to be said of its motion."""
+    return Motion(T_world_camera, T_world_camera, (), (camera,), gtsam.Pose3(), np.zeros((6, 6)))
 
 
 def relative_covariance(

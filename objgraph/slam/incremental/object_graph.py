@@ -1,55 +1,32 @@
 """Frames in, a map out, one frame after the other: objects and cameras in one incremental smoother."""
 
-import logging
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 
 import gtsam
 import numpy as np
 from gtsam.symbol_shorthand import X
 from jaxtyping import Float
 
-from factors.state import ObjectKeys, ObjectState
-from objgraph.covariance.labelled import ObjectCovariance
-from objgraph.errors import ObjectGraphError
+from factors.keys import readable_key
+from factors.state import ObjectKeys
+from objgraph.errors import SolveError
+from objgraph.graph.builder import ObjectBuilder
 from objgraph.graph.object_graph import ObjectGraph
 from objgraph.observation.frames import Frame, Instance
-from objgraph.observation.sampling import ObjectView, observe, rigid_pose
+from objgraph.observation.sampling import rigid_pose
 from objgraph.priors.registry import prior_for
 from objgraph.priors.shape_prior import ShapePrior
-from objgraph.slam.association import Detection, MappedCandidate, associate, duplicates
 from objgraph.slam.incremental.config import IncrementalConfig
-from objgraph.slam.incremental.motion import Motion, anchored, moved, relative_covariance
-from objgraph.slam.incremental.pending import PendingObject, first_estimate
-from objgraph.slam.incremental.places import Places
+from objgraph.slam.incremental.front_end import FrameReport, FrontEnd
+from objgraph.slam.incremental.motion import Motion, anchored, moved
+from objgraph.slam.incremental.smoother import Smoother
 from objgraph.slam.incremental.system import IncrementalSystem
-from objgraph.slam.incremental.tracked import TrackedObject
 
-_LOG = logging.getLogger(__name__)
-_NEARBY = 4.0
-"""Metres between a detection's points and an object's centre beyond which they are never compared."""
 _CLOSED_LOOP = 0.03
 """Metres by which a frame moves its camera where more of the map may have moved than what the frame saw."""
 
 
-@dataclass(frozen=True)
-class FrameReport:
-    """What one update did."""
-
-    frame: str
-    camera: int
-    """The camera's key."""
-    seen: tuple[str, ...]
-    """Objects of the map that the frame observed."""
-    entered: tuple[str, ...]
-    """Objects that entered the map with this frame."""
-    pending: tuple[str, ...]
-    """Objects that wait for more views."""
-    reasons: tuple[str, ...]
-    """One line for each decision, and for whatever could not be used."""
-
-
-class IncrementalObjectGraph:
+class IncrementalObjectGraph(FrontEnd):
     """A map of objects and cameras that grows by `update`.
 
     Each observation enters ISAM2 as the quadratic of its two factors, so that the smoother never calls back into
@@ -65,83 +42,67 @@ class IncrementalObjectGraph:
         floor: float | None = None,
         config: IncrementalConfig | None = None,
         find_prior: Callable[[str], ShapePrior] = prior_for,
+        body_T_camera: gtsam.Pose3 | None = None,
+        object_keys: Callable[[int], ObjectKeys] = ObjectKeys.numbered,
     ) -> None:
-        """`up_world` is the unit vector against gravity in the first frame's world, `floor` the floor's height along it."""
-        self.config = config or IncrementalConfig()
-        self.system = IncrementalSystem(self.config, np.asarray(up_world, float), floor)
-        self._find_prior = find_prior
-        self._pending: list[PendingObject] = []
+        """`up_world` is the unit vector against gravity in the first frame's world, `floor` the floor's height along it.
+
+        With `body_T_camera` the poses of the graph are those of the body that the camera is fixed on; frames still come
+        with the camera's. `object_keys` gives the keys of the n-th object.
+        """
+        config = config or IncrementalConfig()
+        builder = ObjectBuilder(config.graph, np.asarray(up_world, float), floor)
+        system = IncrementalSystem(config, builder, Smoother(config.lag), body_T_camera)
+        super().__init__(system, find_prior, object_keys)
         self._odometry: gtsam.Pose3 | None = None
-        self._centres = Places[TrackedObject]()
-        self._started = 0
-        self._turn = 0
-
-    @property
-    def objects(self) -> list[TrackedObject]:
-        """The objects of the map."""
-        return self.system.objects
-
-    @property
-    def cameras(self) -> dict[int, str]:
-        """Keys of the cameras, oldest first, and the names of their frames."""
-        return self.system.cameras
 
     @property
     def next_camera(self) -> int:
-        """The key that the next frame's camera will have."""
-        return X(len(self.cameras))
-
-    @property
-    def pending(self) -> tuple[str, ...]:
-        """Objects that were seen but not yet often enough."""
-        return tuple(entry.name for entry in self._pending)
+        """The key that the next frame's camera will have, unless another is given."""
+        index = len(self.cameras)
+        while X(index) in self.cameras:
+            index += 1
+        return X(index)
 
     def update(
         self,
         frame: Frame,
         detections: Sequence[Instance],
         *,
+        camera: int | None = None,
         factors: Sequence[gtsam.NonlinearFactor] = (),
         values: gtsam.Values | None = None,
     ) -> FrameReport:
         """Take in one frame and what its masks show.
 
         The frame's pose is the odometry's: the motion since the last frame is what is used of it, and where the first
-        one stands the map begins. `detections` name the frame's masks; an id means nothing beyond its frame. `factors`
-        and `values` are further ones of the caller's own, which may be on the camera's key, `next_camera`.
+        one stands the map begins. `detections` name the frame's masks; an id means nothing beyond its frame. `camera`
+        is the key of the frame's pose, by default `next_camera`. `factors` and `values` are further ones of the caller's
+        own, which may be on that key.
 
         Raises:
             ObservationError: the frame's pose is no rigid motion.
-            SolveError: the update cannot be solved, for instance because a variable of the caller's is not
-                determined. Either way the map is as it was before.
+            SolveError: the key is taken, or the update cannot be solved, for instance because a variable of the caller's
+                is not determined. In any case the map is as it was before.
         """
-        camera = self.next_camera
-        motion = self._motion(frame)
-        views, reasons = self._views(frame, detections, motion.predicted)
-        known = [*self._near(views), *self._pending]
-        found = associate(
-            [Detection(view, prior.category) for view, prior in views],
-            [self._candidate(entry, motion) for entry in known],
-            self.config.association,
-            motion.predicted,
-        )
-        reasons += [entry.reason for entry in (*found.matches, *found.new, *found.dropped)]
-        matched = [(known[m.object], views[m.detection][0]) for m in found.matches]
-        seen = [(entry, view) for entry, view in matched if isinstance(entry, TrackedObject)]
-        self._take_in(frame, camera, motion, seen, factors, values)
+        camera = self.next_camera if camera is None else camera
+        if self.system.smoother.has(camera) or camera in self.cameras:
+            raise SolveError(
+                f"frame {frame.name}: {readable_key(camera)} is in the map already: give another key"
+            )
+        motion = self._motion(frame, camera)
+        sightings = self.sightings(frame, detections, motion)
+        self.take_in(frame, camera, motion, sightings.seen, factors, values)
 
         self._odometry = motion.odometry
         jump = motion.predicted.localCoordinates(self.pose(camera))[3:]
         closed = bool(np.linalg.norm(jump) > _CLOSED_LOOP)
-        reasons += self._keep_current([entry for entry, _ in seen], everything=closed)
-        for entry, view in matched:
-            if isinstance(entry, PendingObject):
-                entry.see(camera, view, len(self.cameras) - 1)
-        for new in found.new:
-            reasons += self._begin(*views[new.detection], camera)
-        entered, why = self._admit()
-        names = tuple(entry.name for entry, _ in seen)
-        return FrameReport(frame.name, camera, names, tuple(entered), self.pending, (*reasons, *why))
+        seen = [entry for entry, _ in sightings.seen]
+        reasons = self.keep_current(seen, everything=closed)
+        entered, why = self.wait(sightings, camera)
+        names = tuple(entry.name for entry in seen)
+        reasons = (*sightings.reasons, *reasons, *why)
+        return FrameReport(frame.name, camera, names, tuple(entered), self.pending, reasons)
 
     def optimize(self, rounds: int = 2) -> None:
         """Solve the whole map as one nonlinear problem, each round with samples drawn where the last one ended.
@@ -158,171 +119,10 @@ class IncrementalObjectGraph:
         """The map as one nonlinear graph of its own, at the current estimate: to be optimised as a whole, or saved."""
         return self.system.batch()
 
-    def state(self, entry: TrackedObject) -> ObjectState:
-        """The object's current estimate."""
-        return self.system.state(entry)
-
-    def pose(self, camera: int) -> gtsam.Pose3:
-        """T_world_camera as it is estimated now; `camera` is its key."""
-        return self.system.pose(camera)
-
-    def marginals(self, entry: TrackedObject) -> ObjectCovariance:
-        """The object's joint covariance of pose, log-scale and code."""
-        return ObjectCovariance.of(self.joint_marginals(entry), "marginals")
-
-    def joint_marginals(self, entry: TrackedObject, others: Sequence[int] = ()) -> Float[np.ndarray, "d d"]:
-        """Joint covariance of the object's pose, log-scale and code and then of `others`, keys such as cameras'."""
-        return self.system.smoother.covariance([*entry.keys, *others])
-
-    def _motion(self, frame: Frame) -> Motion:
-        odometry = rigid_pose(frame, f"frame {frame.name}")
+    def _motion(self, frame: Frame, camera: int) -> Motion:
+        odometry = self.system.body_of(rigid_pose(frame, f"frame {frame.name}"))
         if self._odometry is None:
-            return anchored(self.next_camera, odometry, self.config)
-        previous = X(len(self.cameras) - 1)
+            return anchored(camera, odometry, self.config)
+        previous = next(reversed(self.cameras))
         noise = self.config.odometry
-        return moved(previous, self.next_camera, self.pose(previous), self._odometry, odometry, noise)
-
-    def _views(
-        self, frame: Frame, detections: Sequence[Instance], T_world_camera: gtsam.Pose3
-    ) -> tuple[list[tuple[ObjectView, ShapePrior]], list[str]]:
-        views, reasons = [], []
-        for detection in detections:
-            try:
-                seed = self.config.seed + len(self.cameras)
-                view = observe(frame, detection.id, self.config.sampling, seed)
-                views.append((view.at(T_world_camera), self._find_prior(detection.category)))
-            except ObjectGraphError as error:
-                reasons.append(str(error))
-                _LOG.info("a detection is left out: %s", error)
-        return views, reasons
-
-    def _near(self, views: Sequence[tuple[ObjectView, ShapePrior]]) -> list[TrackedObject]:
-        """Objects that a frame's detections may be of, by where they were last seen to be."""
-        if not views or not self.objects:
-            return []
-        seen = np.array([view.points_world.mean(axis=0) for view, _ in views])
-        return self._centres.near(seen, _NEARBY)
-
-    def _candidate(self, entry: TrackedObject | PendingObject, motion: Motion) -> MappedCandidate:
-        if isinstance(entry, TrackedObject):
-            return entry.candidate(
-                self.state(entry), lambda: motion.with_camera(self.joint_marginals(entry, motion.known))
-            )
-        first = entry.views[0][0]
-        keys = list(dict.fromkeys([first, *motion.known]))
-        return entry.candidate(
-            lambda: relative_covariance(self.system.smoother.covariance(keys), self.pose(first), motion)
-        )
-
-    def _take_in(
-        self,
-        frame: Frame,
-        camera: int,
-        motion: Motion,
-        seen: Sequence[tuple[TrackedObject, ObjectView]],
-        factors: Sequence[gtsam.NonlinearFactor],
-        values: gtsam.Values | None,
-    ) -> None:
-        """Solve the camera and the objects that it sees against the map, then enter them into it."""
-        system = self.system
-        observations = [(entry, system.observations(entry, [(camera, view)])[0]) for entry, view in seen]
-        at = gtsam.Values()
-        at.insert(camera, motion.predicted)
-        if seen:
-            entries, new = [entry for entry, _ in seen], [observation for _, observation in observations]
-            at = system.solved(entries, motion.known, new, at, [motion.factor])
-        added = gtsam.Values() if values is None else gtsam.Values(values)
-        added.insert(camera, at.atPose3(camera))
-        system.add_frame(camera, frame.name, [motion.factor, *factors], added, observations, at)
-
-    def _keep_current(self, seen: Sequence[TrackedObject], everything: bool) -> list[str]:
-        """Renew what the frame has made stale, and look at one other object in turn; what could not be, and why.
-
-        The frame is in the map by now: an object that cannot be renewed stays linearised where it was.
-        """
-        others = [self.objects[self._turn % len(self.objects)]] if self.objects else []
-        self._turn += 1
-        due, reasons = list({entry.name: entry for entry in (*seen, *others)}.values()), []
-        try:
-            for entry in seen:
-                if entry.is_due:
-                    self.system.resolve(entry)
-            self.system.renew(due, self.config.tolerance, self.config.refreshes)
-        except ObjectGraphError as error:
-            reasons.append(f"upkeep is left for the next frame: {error}")
-            _LOG.warning("%s", reasons[-1])
-        self._note_centres(self.objects if everything else due)
-        return reasons
-
-    def _note_centres(self, entries: Sequence[TrackedObject]) -> None:
-        for entry in entries:
-            self._centres.put(entry.name, entry, self.pose(entry.keys.pose).translation())
-
-    def _begin(self, view: ObjectView, prior: ShapePrior, camera: int) -> list[str]:
-        """Start an object that waits for more views; why not, if it cannot be."""
-        index, number = self._started, len(self.cameras) - 1
-        name = f"{prior.category} {index}"
-        placed = view.at(self.pose(camera))
-        system = self.system
-        try:
-            estimate = first_estimate(name, prior, [placed], system.builder, self.config)
-        except ObjectGraphError as error:
-            return [f"{name} is not started: {error}"]
-        self._started += 1
-        self._pending.append(PendingObject(index, name, prior, estimate, number, [(camera, view)]))
-        return []
-
-    def _admit(self) -> tuple[list[str], list[str]]:
-        """Let in the pending objects that are ripe, give up those not seen for long: names, and reasons."""
-        entered, reasons, waiting = [], [], []
-        for entry in self._pending:
-            entry.views = [(key, view) for key, view in entry.views if self.system.smoother.has(key)]
-            cameras = {key: self.pose(key) for key, _ in entry.views}
-            if entry.views and entry.is_ripe(cameras, self.config):
-                try:
-                    reasons += self._enter(entry, cameras)
-                    entered += [entry.name] if entry.name in self._centres else []
-                except ObjectGraphError as error:
-                    reasons.append(f"{entry.name} does not enter: {error}")
-            elif not entry.views or len(self.cameras) - entry.last_seen > self.config.patience:
-                reasons.append(f"{entry.name} is given up: not seen again for {self.config.patience} frames")
-            else:
-                waiting.append(entry)
-        self._pending = waiting
-        return entered, reasons
-
-    def _enter(self, pending: PendingObject, cameras: dict[int, gtsam.Pose3]) -> list[str]:
-        """Solve a ripe object alone, then enter it, or its views where it is one that the map has already."""
-        system = self.system
-        views = [view.at(cameras[key]) for key, view in pending.views]
-        if len(views) > 1:
-            pending.estimate = first_estimate(pending.name, pending.prior, views, system.builder, self.config)
-        near = self._near([(view, pending.prior) for view in views])
-        doubles = duplicates(
-            [pending.candidate(), *(self._alone(entry) for entry in near)], self.config.association
-        )
-        for merge in doubles:
-            if 0 in (merge.keep, merge.drop):
-                system.adopt(near[max(merge.keep, merge.drop) - 1], pending.views)
-                return [merge.reason]
-        entry = TrackedObject(pending.name, ObjectKeys.numbered(pending.index), pending.prior)
-        system.add_object(entry, pending.estimate.state, pending.views)
-        self._note_centres([entry])
-        try:
-            return self._merge([entry, *near])
-        except ObjectGraphError as error:  # the object is in the map by now
-            _LOG.warning("%s is not merged with its neighbours: %s", entry.name, error)
-            return [f"{entry.name} is not merged with its neighbours: {error}"]
-
-    def _merge(self, entries: Sequence[TrackedObject]) -> list[str]:
-        """Where the map has one thing twice, give its views to the one that is better known."""
-        reasons = []
-        for merge in duplicates([self._alone(entry) for entry in entries], self.config.association):
-            keep, drop = entries[merge.keep], entries[merge.drop]
-            self.system.adopt(keep, drop.placed_views, instead_of=drop)
-            self._centres.remove(drop.name)
-            reasons.append(merge.reason)
-        return reasons
-
-    def _alone(self, entry: TrackedObject) -> MappedCandidate:
-        return entry.candidate(self.state(entry), lambda: self.joint_marginals(entry))
+        return moved(previous, camera, self.pose(previous), self._odometry, odometry, noise)

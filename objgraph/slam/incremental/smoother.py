@@ -133,7 +133,7 @@ class Smoother:
         """
         self._check(keys)
         point = self._isam.getLinearizationPoint()
-        joint = _determined(keys, self._isam.joint)
+        joint = determined(keys, self._isam.joint)
         parts = [joint.at(i) for i in range(joint.size())]
         return [
             gtsam.LinearContainerFactor(part, point.extract(gtsam.KeyVector(list(part.keys()))))
@@ -143,7 +143,7 @@ class Smoother:
     def covariance(self, keys: Sequence[int]) -> Float[np.ndarray, "d d"]:
         """Joint marginal covariance of `keys`, in their order; raises SolveError as `marginal_factors` does."""
         self._check(keys)
-        return np.array(_determined(keys, self._isam.jointMarginalCovariance).fullMatrix())
+        return np.array(determined(keys, self._isam.jointMarginalCovariance).fullMatrix())
 
     @property
     def _isam(self) -> gtsam.ISAM2:
@@ -229,7 +229,7 @@ class Smoother:
             raise SolveError(f"{', '.join(missing)}: not in the incremental system (or past its lag)")
 
 
-def _determined(keys: Sequence[int], query: Callable[[gtsam.KeyVector], _T]) -> _T:
+def determined(keys: Sequence[int], query: Callable[[gtsam.KeyVector], _T]) -> _T:
     try:
         return query(gtsam.KeyVector([*keys]))
     except RuntimeError as error:  # GTSAM's "indeterminate linear system"

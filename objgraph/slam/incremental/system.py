@@ -4,7 +4,6 @@ from collections.abc import Iterable, Sequence
 
 import gtsam
 import numpy as np
-from gtsam.symbol_shorthand import X
 from jaxtyping import Float
 
 from factors.linearized import carried_along
@@ -17,6 +16,7 @@ from objgraph.observation.sampling import ObjectView
 from objgraph.slam.incremental.config import IncrementalConfig, Tolerance
 from objgraph.slam.incremental.local import at_optimum, settled, solved
 from objgraph.slam.incremental.smoother import Smoother
+from objgraph.slam.incremental.staged import StagedSmoother
 from objgraph.slam.incremental.tracked import (
     Observation,
     TrackedObject,
@@ -36,11 +36,14 @@ class IncrementalSystem:
     """Each observation is in the smoother as the quadratic of its two factors about a linearisation point."""
 
     def __init__(
-        self, config: IncrementalConfig, up_world: Float[np.ndarray, "3"], floor: float | None
+        self,
+        config: IncrementalConfig,
+        builder: ObjectBuilder,
+        smoother: Smoother | StagedSmoother,
+        body_T_camera: gtsam.Pose3 | None = None,
     ) -> None:
-        self.config = config
-        self.builder = ObjectBuilder(config.graph, up_world, floor)
-        self.smoother = Smoother(config.lag)
+        self.config, self.builder, self.smoother = config, builder, smoother
+        self.body_T_camera = body_T_camera
         self.objects: list[TrackedObject] = []
         self.cameras: dict[int, str] = {}
         """Keys, oldest first, and the names of their frames."""
@@ -54,6 +57,28 @@ class IncrementalSystem:
     def pose(self, key: int) -> gtsam.Pose3:
         return self.smoother.pose(key)
 
+    def camera_pose(self, key: int) -> gtsam.Pose3:
+        """T_world_camera, be the variable the camera's pose or that of the body it is fixed on."""
+        return self.on_body(self.pose(key))
+
+    def on_body(self, T_world_body: gtsam.Pose3) -> gtsam.Pose3:
+        """T_world_camera of a camera on the body."""
+        return T_world_body if self.body_T_camera is None else T_world_body.compose(self.body_T_camera)
+
+    def body_of(self, T_world_camera: gtsam.Pose3) -> gtsam.Pose3:
+        """The pose that is the variable."""
+        if self.body_T_camera is None:
+            return T_world_camera
+        return T_world_camera.compose(self.body_T_camera.inverse())
+
+    def of_camera(self, joint: Float[np.ndarray, "d d"]) -> Float[np.ndarray, "d d"]:
+        """A joint covariance whose last 6 rows are of the variable, in the tangent of the camera's own pose."""
+        if self.body_T_camera is None:
+            return joint
+        carry = np.eye(len(joint))
+        carry[-6:, -6:] = self.body_T_camera.inverse().AdjointMap()
+        return carry @ joint @ carry.T
+
     def state(self, entry: TrackedObject) -> ObjectState:
         keys, smoother = entry.keys, self.smoother
         return ObjectState(
@@ -63,7 +88,7 @@ class IncrementalSystem:
     def observations(self, entry: TrackedObject, placed: Iterable[Placed]) -> list[Observation]:
         """New observations of an object, not yet in the smoother."""
         return [
-            Observation(self.builder.view(entry.prior, entry.keys, view, camera), view)
+            Observation(self.builder.view(entry.prior, entry.keys, view, camera, self.body_T_camera), view)
             for camera, view in placed
         ]
 
@@ -216,7 +241,7 @@ class IncrementalSystem:
         self._prune(entry)
         placed = entry.placed_views
         some = np.unique(np.linspace(0, len(placed) - 1, min(len(placed), _RESOLVED)).astype(int))
-        views = [placed[i][1].at(self.pose(placed[i][0])) for i in some]
+        views = [placed[i][1].at(self.camera_pose(placed[i][0])) for i in some]
         single = self.builder.alone(entry.prior, self.state(entry), views)
         solve([single], self.config.tracking)
         if single.failure is not None:
@@ -231,6 +256,7 @@ class IncrementalSystem:
         Raises:
             SolveError: nothing has been changed.
         """
+        assert isinstance(self.smoother, Smoother)  # a caller's own is his to solve
         for entry in self.objects:
             self._prune(entry)
         observations = [observation for entry in self.objects for observation in entry.observations]
@@ -261,7 +287,7 @@ class IncrementalSystem:
             times = {key: now for entry in self.objects for key in entry.keys}
             times |= {} if values is None else dict.fromkeys(values.keys(), now)
         if newest is None and self.cameras:
-            newest = X(len(self.cameras) - 1)
+            newest = next(reversed(self.cameras))
         return self.smoother.update(factors, values, remove=remove, newest=newest, times=times)
 
     def estimates(self, entries: Sequence[TrackedObject], cameras: Iterable[int]) -> gtsam.Values:
@@ -286,6 +312,7 @@ class IncrementalSystem:
         graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
         for factor in self._others:
             graph.push_back(factor)
+        assert isinstance(self.smoother, Smoother)
         keys = set().union(*(factor.keys() for factor in self._others))
         values.insert(self.smoother.estimate().extract(gtsam.KeyVector(sorted(keys))))
         objects = ObjectGraph(graph, values, self.config.graph, up_world=self.builder.up_world)

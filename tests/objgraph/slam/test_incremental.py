@@ -16,7 +16,8 @@ from objgraph.graph.solve import LevenbergMarquardtConfig, Problem, minimize
 from objgraph.observation.frames import Frame, Instance
 from objgraph.observation.sampling import SamplingConfig
 from objgraph.slam.incremental.config import IncrementalConfig, Tolerance
-from objgraph.slam.incremental.object_graph import FrameReport, IncrementalObjectGraph
+from objgraph.slam.incremental.front_end import FrameReport
+from objgraph.slam.incremental.object_graph import IncrementalObjectGraph
 from objgraph.slam.incremental.tracked import TrackedObject
 from objgraph.slam.odometry import OdometryNoise, dead_reckoning, drifting_motions
 from tests.toys import look_at, toy_picture, toy_prior, toy_state

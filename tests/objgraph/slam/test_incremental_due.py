@@ -11,6 +11,7 @@ from gtsam.symbol_shorthand import X
 
 from factors.state import ObjectKeys, ObjectState
 from objgraph.errors import SolveError
+from objgraph.graph.builder import ObjectBuilder
 from objgraph.slam.incremental import system as module
 from objgraph.slam.incremental.config import IncrementalConfig, Tolerance
 from objgraph.slam.incremental.system import IncrementalSystem
@@ -40,7 +41,7 @@ def system(request, monkeypatch) -> IncrementalSystem:
         raise SolveError("not now")
 
     monkeypatch.setattr(module, "linearize", quadratics)
-    monkeypatch.setattr(module, "single_object", fail)
+    monkeypatch.setattr(ObjectBuilder, "alone", fail)
     monkeypatch.setattr(TrackedObject, "departure", lambda *_: 0.0)
     monkeypatch.setattr(TrackedObject, "has_travelled", lambda *_: False)
     return IncrementalSystem(IncrementalConfig(lag=request.param), np.array([0.0, 0.0, 1.0]), None)

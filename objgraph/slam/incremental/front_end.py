@@ -1,0 +1,284 @@
+"""What is the same whoever owns the smoother: which detections are which objects, what enters, what is renewed."""
+
+import logging
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import gtsam
+import numpy as np
+from jaxtyping import Float
+
+from factors.state import ObjectKeys, ObjectState
+from objgraph.covariance.labelled import ObjectCovariance
+from objgraph.errors import ObjectGraphError
+from objgraph.observation.frames import Frame, Instance
+from objgraph.observation.sampling import ObjectView, observe
+from objgraph.priors.shape_prior import ShapePrior
+from objgraph.slam.association import Detection, MappedCandidate, associate, duplicates
+from objgraph.slam.incremental.motion import Motion, relative_covariance
+from objgraph.slam.incremental.pending import PendingObject, first_estimate
+from objgraph.slam.incremental.places import Places
+from objgraph.slam.incremental.system import IncrementalSystem
+from objgraph.slam.incremental.tracked import TrackedObject
+
+_LOG = logging.getLogger(__name__)
+_NEARBY = 4.0
+"""Metres between a detection's points and an object's centre beyond which they are never compared."""
+
+
+@dataclass(frozen=True)
+class FrameReport:
+    """What one update did."""
+
+    frame: str
+    camera: int
+    """The camera's key."""
+    seen: tuple[str, ...]
+    """Objects of the map that the frame observed."""
+    entered: tuple[str, ...]
+    """Objects that entered the map with this frame."""
+    pending: tuple[str, ...]
+    """Objects that wait for more views."""
+    reasons: tuple[str, ...]
+    """One line for each decision, and for whatever could not be used."""
+
+
+@dataclass(frozen=True)
+class Sightings:
+    """A frame's detections, told apart."""
+
+    seen: list[tuple[TrackedObject, ObjectView]]
+    """Of the map's objects."""
+    again: list[tuple[PendingObject, ObjectView]]
+    """Of objects that wait for more views."""
+    new: list[tuple[ObjectView, ShapePrior]]
+    reasons: list[str]
+
+
+class FrontEnd:
+    """Objects that are seen frame by frame; subclasses say whose smoother they are in."""
+
+    def __init__(
+        self,
+        system: IncrementalSystem,
+        find_prior: Callable[[str], ShapePrior],
+        object_keys: Callable[[int], ObjectKeys],
+    ) -> None:
+        self.system, self.config = system, system.config
+        self._find_prior, self._object_keys = find_prior, object_keys
+        self._pending: list[PendingObject] = []
+        self._centres = Places[TrackedObject]()
+        self._started = 0
+        self._turn = 0
+
+    @property
+    def objects(self) -> list[TrackedObject]:
+        """The objects of the map."""
+        return self.system.objects
+
+    @property
+    def cameras(self) -> dict[int, str]:
+        """Keys of the cameras, oldest first, and the names of their frames."""
+        return self.system.cameras
+
+    @property
+    def pending(self) -> tuple[str, ...]:
+        """Objects that were seen but not yet often enough."""
+        return tuple(entry.name for entry in self._pending)
+
+    def state(self, entry: TrackedObject) -> ObjectState:
+        """The object's current estimate."""
+        return self.system.state(entry)
+
+    def pose(self, camera: int) -> gtsam.Pose3:
+        """T_world_camera, or T_world_body where there is a `body_T_camera`, as it is estimated now."""
+        return self.system.pose(camera)
+
+    def marginals(self, entry: TrackedObject) -> ObjectCovariance:
+        """The object's joint covariance of pose, log-scale and code."""
+        return ObjectCovariance.of(self.joint_marginals(entry), "marginals")
+
+    def joint_marginals(self, entry: TrackedObject, others: Sequence[int] = ()) -> Float[np.ndarray, "d d"]:
+        """Joint covariance of the object's pose, log-scale and code and then of `others`, keys such as cameras'."""
+        return self.system.smoother.covariance([*entry.keys, *others])
+
+    def sightings(self, frame: Frame, detections: Sequence[Instance], motion: Motion) -> Sightings:
+        T_world_camera = self.system.on_body(motion.predicted)
+        views, reasons = self._views(frame, detections, T_world_camera)
+        known = [*self._near(views), *self._pending]
+        found = associate(
+            [Detection(view, prior.category) for view, prior in views],
+            [self._candidate(entry, motion) for entry in known],
+            self.config.association,
+            T_world_camera,
+        )
+        reasons += [entry.reason for entry in (*found.matches, *found.new, *found.dropped)]
+        seen, again = [], []
+        for match in found.matches:
+            entry, (view, _) = known[match.object], views[match.detection]
+            if isinstance(entry, TrackedObject):
+                seen.append((entry, view))
+            else:
+                again.append((entry, view))
+        return Sightings(seen, again, [views[new.detection] for new in found.new], reasons)
+
+    def _views(
+        self, frame: Frame, detections: Sequence[Instance], T_world_camera: gtsam.Pose3
+    ) -> tuple[list[tuple[ObjectView, ShapePrior]], list[str]]:
+        views, reasons = [], []
+        for detection in detections:
+            try:
+                seed = self.config.seed + len(self.cameras)
+                view = observe(frame, detection.id, self.config.sampling, seed)
+                views.append((view.at(T_world_camera), self._find_prior(detection.category)))
+            except ObjectGraphError as error:
+                reasons.append(str(error))
+                _LOG.info("a detection is left out: %s", error)
+        return views, reasons
+
+    def _near(self, views: Sequence[tuple[ObjectView, ShapePrior]]) -> list[TrackedObject]:
+        """Objects that a frame's detections may be of, by where they were last seen to be."""
+        if not views or not self.objects:
+            return []
+        seen = np.array([view.points_world.mean(axis=0) for view, _ in views])
+        return self._centres.near(seen, _NEARBY)
+
+    def _candidate(self, entry: TrackedObject | PendingObject, motion: Motion) -> MappedCandidate:
+        if isinstance(entry, TrackedObject):
+            return entry.candidate(
+                self.state(entry),
+                lambda: self.system.of_camera(
+                    motion.with_camera(self.joint_marginals(entry, motion.known[-1:]))
+                ),
+            )
+        first = entry.views[0][0]
+        keys = list(dict.fromkeys([first, *motion.known]))
+        return entry.candidate(
+            lambda: self.system.of_camera(
+                relative_covariance(self.system.smoother.covariance(keys), self.pose(first), motion)
+            )
+        )
+
+    def take_in(
+        self,
+        frame: Frame,
+        camera: int,
+        motion: Motion,
+        seen: Sequence[tuple[TrackedObject, ObjectView]],
+        factors: Sequence[gtsam.NonlinearFactor] = (),
+        values: gtsam.Values | None = None,
+    ) -> None:
+        """Solve the camera and the objects that it sees against the map, then enter what the frame says into it."""
+        system, at = self.system, gtsam.Values()
+        observations = [(entry, system.observations(entry, [(camera, view)])[0]) for entry, view in seen]
+        added = gtsam.Values() if values is None else gtsam.Values(values)
+        if camera not in motion.known:
+            at.insert(camera, motion.predicted)
+        if seen:
+            entries, new = [entry for entry, _ in seen], [observation for _, observation in observations]
+            at = system.solved(entries, motion.known, new, at, motion.factors)
+        if camera not in motion.known:
+            added.insert(camera, at.atPose3(camera))
+        system.add_frame(camera, frame.name, [*motion.factors, *factors], added, observations, at)
+
+    def wait(self, sightings: Sightings, camera: int) -> tuple[list[str], list[str]]:
+        """Note what is not in the map yet, and let in what has been seen often enough: names, and reasons."""
+        reasons = []
+        for entry, view in sightings.again:
+            entry.see(camera, view, len(self.cameras) - 1)
+        for view, prior in sightings.new:
+            reasons += self._begin(view, prior, camera)
+        entered, why = self._admit()
+        return entered, [*reasons, *why]
+
+    def keep_current(self, seen: Sequence[TrackedObject], everything: bool) -> list[str]:
+        """Renew what the frame has made stale, and look at one other object in turn; what could not be, and why.
+
+        The frame is in the map by now: an object that cannot be renewed stays linearised where it was.
+        """
+        others = [self.objects[self._turn % len(self.objects)]] if self.objects else []
+        self._turn += 1
+        due, reasons = list({entry.name: entry for entry in (*seen, *others)}.values()), []
+        try:
+            for entry in seen:
+                if entry.is_due:
+                    self.system.resolve(entry)
+            self.system.renew(due, self.config.tolerance, self.config.refreshes)
+        except ObjectGraphError as error:
+            reasons.append(f"upkeep is left for the next frame: {error}")
+            _LOG.warning("%s", reasons[-1])
+        self._note_centres(self.objects if everything else due)
+        return reasons
+
+    def _note_centres(self, entries: Sequence[TrackedObject]) -> None:
+        for entry in entries:
+            self._centres.put(entry.name, entry, self.pose(entry.keys.pose).translation())
+
+    def _begin(self, view: ObjectView, prior: ShapePrior, camera: int) -> list[str]:
+        """Start an object that waits for more views; why not, if it cannot be."""
+        index, number = self._started, len(self.cameras) - 1
+        name = f"{prior.category} {index}"
+        placed = view.at(self.system.camera_pose(camera))
+        system = self.system
+        try:
+            estimate = first_estimate(name, prior, [placed], system.builder, self.config)
+        except ObjectGraphError as error:
+            return [f"{name} is not started: {error}"]
+        self._started += 1
+        self._pending.append(PendingObject(index, name, prior, estimate, number, [(camera, view)]))
+        return []
+
+    def _admit(self) -> tuple[list[str], list[str]]:
+        """Let in the pending objects that are ripe, give up those not seen for long: names, and reasons."""
+        entered, reasons, waiting = [], [], []
+        for entry in self._pending:
+            entry.views = [(key, view) for key, view in entry.views if self.system.smoother.has(key)]
+            cameras = {key: self.system.camera_pose(key) for key, _ in entry.views}
+            if entry.views and entry.is_ripe(cameras, self.config):
+                try:
+                    reasons += self._enter(entry, cameras)
+                    entered += [entry.name] if entry.name in self._centres else []
+                except ObjectGraphError as error:
+                    reasons.append(f"{entry.name} does not enter: {error}")
+            elif not entry.views or len(self.cameras) - entry.last_seen > self.config.patience:
+                reasons.append(f"{entry.name} is given up: not seen again for {self.config.patience} frames")
+            else:
+                waiting.append(entry)
+        self._pending = waiting
+        return entered, reasons
+
+    def _enter(self, pending: PendingObject, cameras: dict[int, gtsam.Pose3]) -> list[str]:
+        """Solve a ripe object alone, then enter it, or its views where it is one that the map has already."""
+        system = self.system
+        views = [view.at(cameras[key]) for key, view in pending.views]
+        if len(views) > 1:
+            pending.estimate = first_estimate(pending.name, pending.prior, views, system.builder, self.config)
+        near = self._near([(view, pending.prior) for view in views])
+        doubles = duplicates(
+            [pending.candidate(), *(self._alone(entry) for entry in near)], self.config.association
+        )
+        for merge in doubles:
+            if 0 in (merge.keep, merge.drop):
+                system.adopt(near[max(merge.keep, merge.drop) - 1], pending.views)
+                return [merge.reason]
+        entry = TrackedObject(pending.name, self._object_keys(pending.index), pending.prior)
+        system.add_object(entry, pending.estimate.state, pending.views)
+        self._note_centres([entry])
+        try:
+            return self._merge([entry, *near])
+        except ObjectGraphError as error:  # the object is in the map by now
+            _LOG.warning("%s is not merged with its neighbours: %s", entry.name, error)
+            return [f"{entry.name} is not merged with its neighbours: {error}"]
+
+    def _merge(self, entries: Sequence[TrackedObject]) -> list[str]:
+        """Where the map has one thing twice, give its views to the one that is better known."""
+        reasons = []
+        for merge in duplicates([self._alone(entry) for entry in entries], self.config.association):
+            keep, drop = entries[merge.keep], entries[merge.drop]
+            self.system.adopt(keep, drop.placed_views, instead_of=drop)
+            self._centres.remove(drop.name)
+            reasons.append(merge.reason)
+        return reasons
+
+    def _alone(self, entry: TrackedObject) -> MappedCandidate:
+        return entry.candidate(self.state(entry), lambda: self.joint_marginals(entry))
