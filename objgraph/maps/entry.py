@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from factors.state import ObjectState
+from objgraph.covariance.box import box_pose
 from objgraph.covariance.heading_modes import Turns
 from objgraph.covariance.labelled import ObjectCovariance
 from objgraph.covariance.surface import surface_sigma
@@ -60,6 +61,7 @@ def map_entry(
         views=tuple(view.frame for view in views),
         cameras=np.array([view.T_world_camera.matrix() for view in views]),
         size_m=state.scale * mesh.extents,
+        **_box(prior, estimate, vertices),
         turns=None if estimate.turns is None else estimate.turns.probability,
         turned=None if estimate.turns is None else _turned(state, estimate.turns),
         prior=_reference(prior),
@@ -68,6 +70,27 @@ def map_entry(
         vertex_sigma=surface_sigma(prior.decoder, state, covariance.times(prior.surface_misfit), vertices),
         joint_covariance=covariance.matrix,
     )
+
+
+def _box(
+    prior: ShapePrior, estimate: Found, p_object: Float[np.ndarray, "v 3"]
+) -> dict[str, Float[np.ndarray, "..."]]:
+    """The box with its calibrated covariance; nothing where none was measured, or not for such an estimator."""
+    if not prior.is_calibrated or estimate.view_cost is None:
+        return {}
+    box = box_pose(
+        prior,
+        estimate.state,
+        estimate.covariance,
+        p_object,
+        turns=estimate.turns,
+        view_cost=estimate.view_cost,
+    )
+    return {
+        "box_centre": box.T_world_box.translation(),
+        "box_extents": box.extents,
+        "box_covariance": box.covariance.matrix,
+    }
 
 
 def _turned(state: ObjectState, turns: Turns) -> Float[np.ndarray, "4 9+l"] | None:
