@@ -1,6 +1,7 @@
 """The main job through the command line: on the project's own sample, and on a real scan where it is at hand."""
 
 import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -87,7 +88,7 @@ def test_a_scan_of_a_real_sensor_is_mapped(shared_data, tmp_path, scene):
     assert sum(entry["status"] == "mapped" for entry in objects) >= 4
 
 
-def test_a_missing_cad_model_costs_the_evaluation_and_not_the_map(tmp_path, caplog):
+def test_a_missing_cad_model_costs_the_evaluation_and_not_the_map(tmp_path, caplog, capsys):
     """Ground truth is read after the map has been saved."""
     root = ensure_sample(tmp_path / "sample")
     next(root.glob("shapenet/ShapeNetCore.v2/*/*/models/*.obj")).unlink()
@@ -107,3 +108,12 @@ def test_a_missing_cad_model_costs_the_evaluation_and_not_the_map(tmp_path, capl
     assert {entry["status"] for entry in objects} == {"failed"}
     assert all("mask pixels" in entry["reason"] for entry in objects)
     assert "not evaluated" in caplog.text
+    # without a terminal every object is a line as it is done
+    assert re.search(r"^failed chair \d: 1 of 6, \d+\.\d s$", capsys.readouterr().out, flags=re.MULTILINE)
+    # the same run once more; errors of an earlier map do not stay beside this one
+    again = tmp_path / "again"
+    again.mkdir()
+    (again / "evaluation.json").write_text("{}")
+    assert main(["map", "--config", str(out / "config.json"), "--out", str(again)]) == 0
+    assert (again / "config.json").read_text() == (out / "config.json").read_text()
+    assert sorted(path.name for path in again.iterdir()) == ["config.json", "map.json"]

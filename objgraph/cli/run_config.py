@@ -16,6 +16,7 @@ from objgraph.version import program_version
 
 CONFIG = "config.json"
 LIDAR_DATASETS = ("kitti", "street")
+_JSON = (str, int, float, dict, tuple, type(None))
 _PROGRAM, _SETTINGS = "objgraph", "settings"
 
 T = TypeVar("T")
@@ -130,14 +131,9 @@ def _built(kind: type[T], document: Mapping[str, Any], where: str) -> T:
     try:
         return dacite.from_dict(kind, document, dacite.Config(strict=True, type_hooks=hooks))
     except dacite.WrongTypeError as error:
-        value = json.dumps(error.value, default=str)
-        raise ConfigError(
-            f"{where}: {error.field_path} is {value}, not {_words(error.field_type)}"
-        ) from error
-    except (
-        dacite.DaciteError,
-        ValueError,
-    ) as error:  # a setting of its type may still be one that none can have
+        value = f", not {json.dumps(error.value)}" if isinstance(error.value, _JSON) else ""
+        raise ConfigError(f"{where}: {error.field_path} must be {_words(error.field_type)}{value}") from error
+    except (dacite.DaciteError, ValueError) as error:  # of its type, and yet a value that none may have
         raise ConfigError(f"{where}: {error}") from error
 
 

@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from factors.state import ObjectState
-from objgraph.covariance.box import box_pose
+from objgraph.covariance.box import BoxPose, box_pose
 from objgraph.covariance.heading_modes import Turns
 from objgraph.covariance.labelled import ObjectCovariance
 from objgraph.covariance.surface import surface_sigma
@@ -45,6 +45,7 @@ def map_entry(
     state, covariance = estimate.state, estimate.covariance
     mesh = extract_mesh(prior.decoder, state.code, resolution=resolution)
     vertices = np.asarray(mesh.vertices)
+    box = _calibrated_box(prior, estimate, vertices)
     return MappedObject(
         instance.id,
         instance.category,
@@ -61,7 +62,9 @@ def map_entry(
         views=tuple(view.frame for view in views),
         cameras=np.array([view.T_world_camera.matrix() for view in views]),
         size_m=state.scale * mesh.extents,
-        **_box(prior, estimate, vertices),
+        box_centre=None if box is None else box.T_world_box.translation(),
+        box_extents=None if box is None else box.extents,
+        box_covariance=None if box is None else box.covariance.matrix,
         turns=None if estimate.turns is None else estimate.turns.probability,
         turned=None if estimate.turns is None else _turned(state, estimate.turns),
         prior=_reference(prior),
@@ -72,13 +75,11 @@ def map_entry(
     )
 
 
-def _box(
-    prior: ShapePrior, estimate: Found, p_object: Float[np.ndarray, "v 3"]
-) -> dict[str, Float[np.ndarray, "..."]]:
-    """The box with its calibrated covariance; nothing where none was measured, or not for such an estimator."""
+def _calibrated_box(prior: ShapePrior, estimate: Found, p_object: Float[np.ndarray, "v 3"]) -> BoxPose | None:
+    """The box and its covariance; None where nothing was measured of the prior, or not for such an estimator."""
     if not prior.is_calibrated or estimate.view_cost is None:
-        return {}
-    box = box_pose(
+        return None
+    return box_pose(
         prior,
         estimate.state,
         estimate.covariance,
@@ -86,11 +87,6 @@ def _box(
         turns=estimate.turns,
         view_cost=estimate.view_cost,
     )
-    return {
-        "box_centre": box.T_world_box.translation(),
-        "box_extents": box.extents,
-        "box_covariance": box.covariance.matrix,
-    }
 
 
 def _turned(state: ObjectState, turns: Turns) -> Float[np.ndarray, "4 9+l"] | None:

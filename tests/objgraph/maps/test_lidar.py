@@ -1,6 +1,7 @@
 """Cars from single scans: every one has a result or a reason, near the truth, and covariances behave as physics says."""
 
 import json
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -119,6 +120,12 @@ def test_settings_of_a_lidar_are_its_own_and_those_of_a_camera_are_refused(stree
     assert (used["graph"]["floor_sigma"], used["seed"]) == (0.1, 3)
     assert used["graph"]["tight_box"]  # what was not given is as it is for roads
     assert (document["dataset"], document["root"], document["scene"]) == ("kitti", str(street), "000000")
+    assert re.search(r"^mapped car \d: 5 of 5, \d+\.\d s$", capsys.readouterr().out, flags=re.MULTILINE)
+    again = tmp_path / "again"
+    assert main(["map", "--config", str(out / "config.json"), "--out", str(again)]) == 0
+    assert json.loads((again / "config.json").read_text()) == document
+    for one, two in zip(ObjectMap.load(out).objects, ObjectMap.load(again).objects, strict=True):
+        np.testing.assert_array_equal(one.T_world_object, two.T_world_object)
     capsys.readouterr()
     refused = [
         (["--views", "2"], "data set 'kitti' does not use --views"),

@@ -361,6 +361,8 @@ def test_the_box_has_the_calibrated_covariance_or_none():
         prior, state, covariance, state.to_object(found.vertices), turns=turns, view_cost=60.0
     )
     assert found.box_covariance is not None
+    assert found.box_centre is not None
+    assert found.box_extents is not None
     np.testing.assert_allclose(found.box_covariance, expected.covariance.matrix, rtol=1e-6, atol=1e-12)
     np.testing.assert_allclose(found.box_centre, expected.T_world_box.translation(), atol=1e-9)
     np.testing.assert_allclose(found.box_extents, expected.extents)
