@@ -164,8 +164,8 @@ def _load_frame(source: Source) -> LidarFrame:
     return frame
 
 
-def _load(source: Source) -> tuple[Scan, str]:
-    """The scan, and what the data set calls it."""
+def _load(source: Source) -> tuple[Scan, str | None]:
+    """The scan, and its name where one was given or the data set has but one."""
     root = source.root
     if root is None:
         if source.dataset != "sample":
@@ -174,7 +174,8 @@ def _load(source: Source) -> tuple[Scan, str]:
     options = {name: getattr(source, name) for name in ("trajectory", "scan2cad", "shapenet")}
     given = {name: value for name, value in options.items() if value is not None}
     scan = load_scan(source.dataset, root, source.scene, **given)
-    return scan, source.scene or scenes(source.dataset, root)[0]
+    names = scenes(source.dataset, root) if source.scene is None else [source.scene]
+    return scan, names[0] if len(names) == 1 else None
 
 
 def _no_root(source: Source) -> DatasetError:

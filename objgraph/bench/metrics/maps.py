@@ -63,14 +63,14 @@ def evaluate_map(object_map: ObjectMap, truths: Mapping[int, GroundTruth], seed:
 
 def _errors(entry: MappedObject, truth: GroundTruth, seed: int) -> dict[str, Any]:
     if entry.vertices is None or entry.faces is None or entry.T_world_object is None or entry.scale is None:
-        return _WRONG
+        return dict(_WRONG)
     R, t = entry.T_world_object[:3, :3], entry.T_world_object[:3, 3]
     p_object = (entry.vertices - t) @ R / entry.scale
     try:
         errors = evaluate_object(entry.T_world_object, entry.scale, p_object, entry.faces, truth, seed)
     except EvaluationError as error:
         log.warning("%s %d cannot be evaluated: %s", entry.category, entry.id, error)
-        return _WRONG
+        return dict(_WRONG)
     # NumPy's numbers are none of JSON's
     return {
         name: bool(value) if name == "pose_correct" else float(value)
