@@ -25,10 +25,11 @@ from factors.priors import code_prior, scale_prior, upright_prior
 from factors.state import ObjectKeys, ObjectState
 from factors.surface import SurfaceFactor
 from factors.weighting import Weighting
-from objgraph.bench.metrics.maps import evaluated
+from objgraph.bench.metrics.maps import evaluate_map
 from objgraph.bench.metrics.tables import evaluation_table
 from objgraph.covariance.posterior import marginals
 from objgraph.covariance.surface import surface_sigma
+from objgraph.datasets.ground_truth import annotated
 from objgraph.datasets.registry import load_scan
 from objgraph.graph.builder import GraphConfig, ObjectBuilder
 from objgraph.graph.initialise import InitialisationConfig, guesses, rank
@@ -67,7 +68,7 @@ def describe(instance, state, covariance, mesh, sigma, views, seconds) -> Mapped
 
 def main(arguments: Arguments) -> None:
     dataset, root = ("scannet", arguments.root) if arguments.root else ("sample", Path("out/sample"))
-    scan = load_scan(dataset, root, arguments.scene)
+    scan = annotated(load_scan(dataset, root, arguments.scene))
     index = summarize(scan.frames)
     floor = scene_floor(scan)
 
@@ -137,11 +138,12 @@ def main(arguments: Arguments) -> None:
         of_surface = covariance.times(prior.surface_misfit)
         sigma = surface_sigma(prior.decoder, state, of_surface, np.asarray(mesh.vertices))
         entries.append(describe(instance, state, covariance, mesh, sigma, views, seconds[instance.id]))
-    object_map = evaluated(ObjectMap(scan.name, tuple(entries), scan.up_world), dict(scan.ground_truth))
+    object_map = ObjectMap(scan.name, tuple(entries), scan.up_world)
     object_map.save(arguments.out)
     map_picture(object_map, *scene_points(scan, range(len(scan.frames)), 8000), arguments.out / "map.png")
     console = Console()
-    for table in (map_table(object_map), evaluation_table(object_map)):
+    errors = evaluate_map(object_map, scan.ground_truth)
+    for table in (map_table(object_map), evaluation_table(object_map, errors)):
         console.print(table)
 
 

@@ -132,7 +132,7 @@ def run(arguments: Arguments, seed: int) -> tuple[dict[str, float], dict[str, Tr
     graph, values = pose_graph(truth[0], drifting_motions(truth, noise, np.random.default_rng(seed)), noise)
     odometry = [values.atPose3(X(k)) for k in range(len(truth))]
     before = Trajectory(times, np.stack([pose.matrix() for pose in odometry]))
-    scan = replace(scan, frames=OdometryFrames(scan.frames, indices, odometry), ground_truth={})
+    scan = replace(scan, frames=OdometryFrames(scan.frames, indices, odometry))
     objects = add_objects(scan, arguments.objects, graph, values)
     objects.optimize()
     after = Trajectory(times, np.stack([values.atPose3(X(k)).matrix() for k in range(len(truth))]))

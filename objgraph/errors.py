@@ -3,6 +3,10 @@
 from factors.errors import FactorError, ObjectGraphError
 
 
+class ConfigError(ObjectGraphError, ValueError):
+    """A file of settings cannot be read, or holds what is no setting or no value of one."""
+
+
 class DatasetError(ObjectGraphError, ValueError):
     """A data set's file is missing, truncated, or holds what it must not."""
 
@@ -49,6 +53,7 @@ class MapError(ObjectGraphError, ValueError):
 
 __all__ = [
     "ActiveVisionError",
+    "ConfigError",
     "CovarianceError",
     "DatasetError",
     "EvaluationError",

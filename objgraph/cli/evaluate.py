@@ -26,7 +26,7 @@ from objgraph.bench.comparison.synthetic_source import SYNTHETIC, SyntheticSourc
 from objgraph.bench.comparison.tables import all_tables, calibration_tables
 from objgraph.bench.worlds.cases import BenchmarkConfig
 from objgraph.bench.worlds.viewpoints import VIEWS
-from objgraph.cli.progress import telling
+from objgraph.cli.progress import progress
 from objgraph.datasets.registry import datasets
 from objgraph.errors import EvaluationError
 from objgraph.training.mesh_folder import write_json
@@ -149,7 +149,7 @@ def _boxes(command: EvaluateCommand, console: Console, line: str) -> dict[str, A
     comparison = LidarComparison(
         command.root, _methods(command), command.folder, _scans(command), command.seed, command.priors
     )
-    with telling(console, transient=True) as tell:
+    with progress(console, transient=True) as tell:
         try:
             result = run_box_comparison(
                 comparison,
@@ -248,7 +248,7 @@ def _check_writable(path: Path) -> None:
 
 
 def _compare(comparison: Comparison, command: EvaluateCommand, console: Console) -> list[ObjectRow]:
-    with telling(console, transient=True) as tell:
+    with progress(console, transient=True) as tell:
         try:
             return compare(comparison, command.jobs, command.retry_failed, program_version(), tell)
         except KeyboardInterrupt as error:

@@ -1,94 +1,147 @@
-"""The command `objgraph`."""
+"""The command `objgraph`: one verb, whose libraries alone are loaded."""
 
-import logging
-import os
-import shlex
 import sys
-from typing import Annotated
+from collections.abc import Callable
+from typing import TYPE_CHECKING, TypeVar
 
-import tyro
-from rich.console import Console
-from rich.logging import RichHandler
-from rich.markup import escape
+if TYPE_CHECKING:
+    from rich.console import Console
 
-from objgraph.errors import ObjectGraphError
+Command = TypeVar("Command")
+
+
+def _map(arguments: list[str], console: "Console") -> None:
+    """Map the objects of one scan."""
+    from objgraph.cli.map import MapCommand, run_map
+
+    run_map(_parsed(MapCommand, "map", arguments), console)
+
+
+def _next_view(arguments: list[str], console: "Console") -> None:
+    """Say from where to look next at a saved map's objects, and what that is expected to tell."""
+    from objgraph.cli.next_view import NextViewCommand, run_next_view
+
+    run_next_view(_parsed(NextViewCommand, "next-view", arguments), console)
+
+
+def _evaluate(arguments: list[str], console: "Console") -> None:
+    """Compare methods on objects with ground truth: the paper's tables, intervals, plots."""
+    import shlex
+
+    from objgraph.cli.evaluate import EvaluateCommand, run_evaluate
+
+    command = _parsed(EvaluateCommand, "evaluate", arguments)
+    run_evaluate(command, console, shlex.join(["objgraph", "evaluate", *arguments]))
+
+
+def _train(arguments: list[str], console: "Console") -> None:
+    """Train a category's shape prior; a killed run goes on where it was."""
+    from objgraph.training.export import train_command
+    from objgraph.training.train import TrainConfig
+
+    console.print(f"written to {train_command(_parsed(TrainConfig, 'train', arguments))}")
+
+
+def _convert_prior(arguments: list[str], console: "Console") -> None:
+    """Make a prior of a DeepSDF experiment folder (specs.json and ModelParameters)."""
+    from objgraph.training.convert import ConvertConfig, convert_command
+
+    console.print(f"written to {convert_command(_parsed(ConvertConfig, 'convert-prior', arguments))}")
+
+
+def _priors(arguments: list[str], console: "Console") -> None:
+    """List the shape priors that there are, and what is known of them."""
+    from objgraph.cli.priors import PriorsCommand, priors_command
+
+    priors_command(_parsed(PriorsCommand, "priors", arguments), console)
+
+
+def _evaluate_prior(arguments: list[str], console: "Console") -> None:
+    """Measure a shape prior on a folder of meshes: the best code of each, given all of it and given one view."""
+    from objgraph.cli.evaluate_prior import EvaluatePriorCommand, run_evaluate_prior
+
+    run_evaluate_prior(_parsed(EvaluatePriorCommand, "evaluate-prior", arguments), console)
+
+
+def _segment(arguments: list[str], console: "Console") -> None:
+    """Segment the colour images of a data set that has no masks yet, with Mask2Former."""
+    from objgraph.cli.segment import SegmentCommand, run_segment
+
+    run_segment(_parsed(SegmentCommand, "segment", arguments), console)
+
+
+VERBS: dict[str, Callable[[list[str], "Console"], None]] = {
+    "map": _map,
+    "next-view": _next_view,
+    "evaluate": _evaluate,
+    "train": _train,
+    "convert-prior": _convert_prior,
+    "priors": _priors,
+    "evaluate-prior": _evaluate_prior,
+    "segment": _segment,
+}
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Run one subcommand; an error that the user can mend is one line, not a traceback."""
-    # imported here, so that a mistyped word is answered before torch and open3d are loaded
-    from objgraph.cli.evaluate import EvaluateCommand, run_evaluate
-    from objgraph.cli.evaluate_prior import EvaluatePriorCommand, run_evaluate_prior
-    from objgraph.cli.map import MapCommand, run_map
-    from objgraph.cli.next_view import NextViewCommand, run_next_view
-    from objgraph.cli.priors import PriorsCommand, priors_command
-    from objgraph.cli.segment import SegmentCommand, run_segment
-    from objgraph.training.convert import ConvertConfig, convert_command
-    from objgraph.training.export import train_command
-    from objgraph.training.train import TrainConfig
+    """Run one verb; an error that the user can mend is one line, not a traceback.
+
+    Raises:
+        SystemExit: help or the version was asked for (0), or the words are none of the command's (2).
+    """
+    verb, *rest = (sys.argv[1:] if arguments is None else arguments) or [""]
+    if verb in ("-h", "--help"):
+        print(_help())
+        raise SystemExit(0)
+    if verb == "--version":
+        from objgraph.version import program_version
+
+        print(f"objgraph {program_version()}")
+        raise SystemExit(0)
+    if verb not in VERBS:
+        problem = f"no verb '{verb}'" if verb else "no verb given"
+        print(f"objgraph: {problem}; there are {', '.join(VERBS)}", file=sys.stderr)
+        raise SystemExit(2)
+    return _run(verb, rest)
+
+
+def _run(verb: str, arguments: list[str]) -> int:
+    import logging
+    import os
+
+    from rich.console import Console
+    from rich.logging import RichHandler
+    from rich.markup import escape
+
+    from objgraph.errors import ObjectGraphError
 
     console = Console(width=None if sys.stdout.isatty() else int(os.environ.get("COLUMNS", "140")))
     logging.basicConfig(
         level=logging.WARNING, format="%(message)s", handlers=[RichHandler(console=console, show_path=False)]
     )
-
-    def map_(command: Annotated[MapCommand, tyro.conf.arg(name="")]) -> None:
-        """Map the objects of one scan."""
-        run_map(command, console)
-
-    def train(config: Annotated[TrainConfig, tyro.conf.arg(name="")]) -> None:
-        """Train a category's shape prior; a killed run goes on where it was."""
-        console.print(f"written to {train_command(config)}")
-
-    def evaluate(
-        command: Annotated[EvaluateCommand, tyro.conf.arg(name=""), tyro.conf.FlagCreatePairsOff],
-    ) -> None:
-        """Compare methods on objects with ground truth: the paper's tables, intervals, plots."""
-        typed = sys.argv[1:] if arguments is None else arguments
-        run_evaluate(command, console, shlex.join(["objgraph", *typed]))
-
-    def evaluate_prior(
-        command: Annotated[EvaluatePriorCommand, tyro.conf.arg(name=""), tyro.conf.FlagCreatePairsOff],
-    ) -> None:
-        """Measure a shape prior on a folder of meshes: the best code of each, given all of it and given one view."""
-        run_evaluate_prior(command, console)
-
-    def next_view(command: Annotated[NextViewCommand, tyro.conf.arg(name="")]) -> None:
-        """Say from where to look next at a saved map's objects, and what that is expected to tell."""
-        run_next_view(command, console)
-
-    def segment(command: Annotated[SegmentCommand, tyro.conf.arg(name="")]) -> None:
-        """Segment the colour images of a data set that has no masks yet, with Mask2Former."""
-        run_segment(command, console)
-
-    def convert_prior(config: Annotated[ConvertConfig, tyro.conf.arg(name="")]) -> None:
-        """Make a prior of a DeepSDF experiment folder (specs.json and ModelParameters)."""
-        console.print(f"written to {convert_command(config)}")
-
-    def priors(command: Annotated[PriorsCommand, tyro.conf.arg(name="")]) -> None:
-        """List the shape priors that there are, and what is known of them."""
-        priors_command(command, console)
-
     try:
-        tyro.extras.subcommand_cli_from_dict(
-            {
-                "map": map_,
-                "next-view": next_view,
-                "evaluate": evaluate,
-                "train": train,
-                "convert-prior": convert_prior,
-                "priors": priors,
-                "evaluate-prior": evaluate_prior,
-                "segment": segment,
-            },
-            prog="objgraph",
-            description="Object-level mapping with learnt shape priors, as a factor graph.",
-            args=arguments,
-        )
+        VERBS[verb](arguments, console)
     except ObjectGraphError as error:
         console.print(f"[bold red]error:[/] {escape(str(error))}", highlight=False, soft_wrap=True)
         return 1
     return 0
+
+
+def _parsed(kind: type[Command], verb: str, arguments: list[str]) -> Command:
+    import tyro
+
+    flags = (tyro.conf.FlagCreatePairsOff,) if verb.startswith("evaluate") else ()
+    return tyro.cli(
+        kind, prog=f"objgraph {verb}", description=VERBS[verb].__doc__, args=arguments, config=flags
+    )
+
+
+def _help() -> str:
+    verbs = "\n".join(f"  {verb:<15} {run.__doc__}" for verb, run in VERBS.items())
+    return (
+        "usage: objgraph [-h] [--version] VERB ...\n\n"
+        "Object-level mapping with learnt shape priors, as a factor graph.\n\n"
+        f"verbs (objgraph VERB --help says more):\n{verbs}"
+    )
 
 
 if __name__ == "__main__":

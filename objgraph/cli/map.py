@@ -1,28 +1,27 @@
 """What the command line does: `objgraph map` and its helpers."""
 
-import json
 import logging
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any, Literal
 
 import numpy as np
 import tyro
 from rich.console import Console
 
-from objgraph.bench.comparison.boxes.evaluate import KITTI
-from objgraph.bench.metrics.maps import evaluated
+from objgraph.bench.metrics.maps import EVALUATION, MapErrors, evaluate_map
 from objgraph.bench.metrics.tables import evaluation_table
-from objgraph.cli.progress import telling
+from objgraph.cli.progress import progress
+from objgraph.cli.run_config import MapRun, Source, read_run
+from objgraph.datasets.ground_truth import AnnotatedScan, annotated
 from objgraph.datasets.kitti import frames, load_frame
-from objgraph.datasets.registry import load_scan
-from objgraph.errors import DatasetError
-from objgraph.graph.builder import GraphConfig
+from objgraph.datasets.registry import load_scan, scenes
+from objgraph.errors import DatasetError, EvaluationError, MapError
 from objgraph.maps.lidar import LidarMappingConfig, map_lidar
-from objgraph.maps.lidar_task import ROADS, LidarTaskConfig
 from objgraph.maps.object_map import ObjectMap
 from objgraph.maps.pipeline import MappingConfig, map_scan, scene_points
 from objgraph.observation.frames import Scan
+from objgraph.observation.lidar.frame import LidarFrame
 from objgraph.show.map_picture import map_picture
 from objgraph.show.street_picture import street_picture
 from objgraph.show.tables import map_table
@@ -33,100 +32,154 @@ log = logging.getLogger(__name__)
 STREET = "street"
 SAMPLE_ROOT = Path("out/sample")
 """Where the sample scan is generated unless `--root` says otherwise."""
+_DEFAULTS = MappingConfig()
+
+
+def _option(metavar: str, default: object = None) -> Any:
+    """How the help shows an option that stands for the settings' own value unless it is given."""
+    return tyro.conf.arg(
+        metavar=metavar, help_behavior_hint="" if default is None else f"(default: {default})"
+    )
 
 
 @dataclass(frozen=True)
 class MapCommand:
     """Map the objects of one scan."""
 
-    dataset: str
-    """Data set: folder, sample, scannet, sevenscenes or tum; or kitti or street (the project's own), scans of a LiDAR."""
     out: Path
     """Folder for the map, its meshes and its picture."""
-    root: Path | None = None
-    """The data set's folder; the sample needs none."""
-    scene: str | None = None
+    dataset: Annotated[str | None, _option("STR")] = None
+    """Data set: folder, sample, scannet, sevenscenes or tum; or kitti or street (the project's own), scans of a LiDAR."""
+    root: Annotated[Path | None, _option("PATH")] = None
+    """The data set's folder; the sample and the street need none."""
+    scene: Annotated[str | None, _option("STR")] = None
     """Name of the scan (of kitti the frame); may be left out where there is only one."""
-    categories: tuple[str, ...] = ()
+    categories: Annotated[tuple[str, ...], _option("[STR [STR ...]]")] = ()
     """Map objects of these categories alone; by default all."""
-    trajectory: Path | None = None
+    trajectory: Annotated[Path | None, _option("PATH")] = None
     """Trajectory file in the TUM format in place of the data set's own; for folder and tum."""
-    scan2cad: Path | None = None
+    scan2cad: Annotated[Path | None, _option("PATH")] = None
     """Folder of the Scan2CAD annotations; by default beside `root`. Read by the evaluation alone."""
-    shapenet: Path | None = None
+    shapenet: Annotated[Path | None, _option("PATH")] = None
     """Folder of the ShapeNet meshes; by default beside `root`. Read by the evaluation alone."""
-    config: Annotated[MappingConfig, tyro.conf.arg(name="")] = field(default_factory=MappingConfig)
-    """How it is mapped."""
-    lidar: LidarTaskConfig = field(default_factory=LidarTaskConfig)
-    """Of kitti and street: views, the road and the detector's errors."""
-    lidar_graph: GraphConfig = ROADS
-    """Of kitti and street: how measurements and priors are weighed there."""
+    config: Annotated[Path | None, _option("FILE")] = None
+    """JSON file with these and all other settings, whole or in part, as the `config.json` of an earlier run; options win
+    over it."""
+    views: Annotated[int | None, _option("INT", _DEFAULTS.views)] = None
+    """Views of each object."""
+    seed: Annotated[int | None, _option("INT", _DEFAULTS.seed)] = None
+    """Of everything that is sampled."""
+    mesh_resolution: Annotated[int | None, _option("INT", _DEFAULTS.mesh_resolution)] = None
+    """Cells along an edge of the canonical cube."""
+    priors: Annotated[tuple[str, ...], _option("[FILE [FILE ...]]")] = ()
+    """Your own priors, .safetensors files: each serves its category in place of the shipped one."""
+    estimator: Annotated[
+        Literal["graph", "adam", "both"] | None, _option("{graph,adam,both}", _DEFAULTS.estimator)
+    ] = None
+    """Who estimates: the factor graph, the paper's gradient descent, or both; of both, the map takes the graph's and keeps
+    the other beside it."""
+    renderer: Annotated[
+        Literal["full", "probabilistic", "sampled", "deterministic"] | None,
+        _option("{full,probabilistic,sampled,deterministic}", _DEFAULTS.graph.renderer),
+    ] = None
+    """The 2D factor's renderer: the full termination distribution, or a Gaussian depth, the paper's, NodeSLAM's or
+    DSP-SLAM's."""
+    points: Annotated[int | None, _option("INT", _DEFAULTS.sampling.points)] = None
+    """Surface points a view."""
+    min_pixels: Annotated[int | None, _option("INT", _DEFAULTS.sampling.min_pixels)] = None
+    """Mask pixels with depth below which a view says too little to be used."""
+    upright_sigma: Annotated[float | None, _option("FLOAT", _DEFAULTS.graph.upright_sigma)] = None
+    """Radians by which an object that stands on the floor may lean; of a LiDAR's road more by default."""
+
+
+_SOURCE = ("dataset", "root", "scene", "categories", "trajectory", "scan2cad", "shapenet")
+_SETTINGS: dict[str, tuple[str, ...]] = {
+    "views": ("views",),
+    "seed": ("seed",),
+    "mesh_resolution": ("mesh_resolution",),
+    "priors": ("priors",),
+    "estimator": ("estimator",),
+    "renderer": ("graph.renderer",),
+    "points": ("sampling.points", "task.sampling.points"),
+    "min_pixels": ("sampling.min_pixels",),
+    "upright_sigma": ("graph.upright_sigma",),
+}
+"""Where an option's value lies in the settings of a camera or of a LiDAR."""
 
 
 def run_map(command: MapCommand, console: Console) -> ObjectMap:
     """Load, map, evaluate where there is ground truth, save, and show."""
-    if command.dataset in (KITTI, STREET):
-        return _map_lidar(command, console)
-    scan = _limited(_load(command), command.categories)
-    config = command.config
-    with telling(console) as tell:
-        object_map = map_scan(scan, config, tell)
-    object_map.save(command.out)
-    try:
-        object_map = evaluated(object_map, dict(scan.ground_truth))
-        object_map.save(command.out)
-    except DatasetError as error:
-        log.warning("the map is saved but not evaluated: %s", error)
-    _write_config(command.out / "config.json", config)
-    _show(object_map, scan, command.out, console)
+    run = _run_of(command)
+    settings = run.settings
+    if isinstance(settings, LidarMappingConfig):
+        return _map_lidar(run.source, settings, command.out, console)
+    scan, scene = _load(run.source)
+    scan = _limited(scan, run.source.categories)
+    with progress(console) as tell:
+        object_map = map_scan(scan, settings, tell)
+    _save(object_map, MapRun(replace(run.source, scene=scene), settings), command.out)
+    errors = _evaluated(object_map, annotated(scan), command.out)
+    _show(object_map, errors, scan, command.out, console)
     return object_map
 
 
-def _map_lidar(command: MapCommand, console: Console) -> ObjectMap:
-    """One scan of a LiDAR; views, initialisation and the paper's estimator have no say there."""
-    root, config = command.root, command.config
-    if command.dataset == STREET:
+def _run_of(command: MapCommand) -> MapRun:
+    """What was typed over what the file says; an empty list is none typed."""
+    typed = {name: value for name, value in vars(command).items() if value not in (None, ())}
+    options = {
+        f"--{name.replace('_', '-')}": (paths, typed[name])
+        for name, paths in _SETTINGS.items()
+        if name in typed
+    }
+    return read_run(command.config, {name: typed[name] for name in _SOURCE if name in typed}, options)
+
+
+def _map_lidar(source: Source, settings: LidarMappingConfig, out: Path, console: Console) -> ObjectMap:
+    """One scan of a LiDAR."""
+    frame = _load_frame(source)
+    with progress(console) as tell:
+        object_map = map_lidar(frame, settings, tell)
+    _save(object_map, MapRun(replace(source, scene=frame.name), settings), out)
+    console.print(map_table(object_map))
+    street_picture(object_map, frame, out / "map.png")
+    console.print(f"written to {out}")
+    return object_map
+
+
+def _load_frame(source: Source) -> LidarFrame:
+    for name in ("trajectory", "scan2cad", "shapenet"):
+        if getattr(source, name) is not None:
+            raise DatasetError(f"data set '{source.dataset}' does not use --{name}")
+    root = source.root
+    if source.dataset == STREET:
         root = ensure_street(SAMPLE_ROOT if root is None else root)
     elif root is None:
-        raise DatasetError(f"data set '{command.dataset}': --root must name its folder")
-    if config.estimator != "graph":
-        raise DatasetError(
-            f"data set '{command.dataset}' is mapped by the graph alone; see objgraph evaluate for the others"
-        )
-    for name in ("views", "view", "sampling", "initialisation", "graph"):
-        if getattr(config, name) != getattr(MappingConfig(), name):
-            raise DatasetError(
-                f"data set '{command.dataset}' does not use --{name}: see --lidar and --lidar-graph"
-            )
-    frame = load_frame(root, command.scene or (frames(root)[0] if command.dataset == STREET else None))
-    if command.categories:
-        kept = tuple(each for each in frame.detections if each.category in command.categories)
+        raise _no_root(source)
+    frame = load_frame(root, source.scene or (frames(root)[0] if source.dataset == STREET else None))
+    if source.categories:
+        kept = tuple(each for each in frame.detections if each.category in source.categories)
         frame = replace(frame, detections=kept)
     if not frame.detections:
         raise DatasetError(f"frame {frame.name}: nothing is detected that could be mapped")
-    settings = LidarMappingConfig(
-        config.seed, config.mesh_resolution, config.priors, command.lidar, command.lidar_graph, config.solver
-    )
-    with telling(console) as tell:
-        object_map = map_lidar(frame, settings, tell)
-    object_map.save(command.out)
-    _write_config(command.out / "config.json", settings)
-    console.print(map_table(object_map))
-    street_picture(object_map, frame, command.out / "map.png")
-    console.print(f"written to {command.out}")
-    return object_map
+    return frame
 
 
-def _load(command: MapCommand) -> Scan:
-    root = command.root
+def _load(source: Source) -> tuple[Scan, str | None]:
+    """The scan, and its name where one was given or the data set has but one."""
+    root = source.root
     if root is None:
-        if command.dataset != "sample":
-            raise DatasetError(f"data set '{command.dataset}': --root must name its folder")
+        if source.dataset != "sample":
+            raise _no_root(source)
         root = SAMPLE_ROOT
-    options = {name: getattr(command, name) for name in ("trajectory", "scan2cad", "shapenet")}
-    return load_scan(
-        command.dataset, root, command.scene, **{k: v for k, v in options.items() if v is not None}
-    )
+    options = {name: getattr(source, name) for name in ("trajectory", "scan2cad", "shapenet")}
+    given = {name: value for name, value in options.items() if value is not None}
+    scan = load_scan(source.dataset, root, source.scene, **given)
+    names = scenes(source.dataset, root) if source.scene is None else [source.scene]
+    return scan, names[0] if len(names) == 1 else None
+
+
+def _no_root(source: Source) -> DatasetError:
+    return DatasetError(f"data set '{source.dataset}': --root must name its folder")
 
 
 def _limited(scan: Scan, categories: tuple[str, ...]) -> Scan:
@@ -140,9 +193,31 @@ def _limited(scan: Scan, categories: tuple[str, ...]) -> Scan:
     return replace(scan, instances=kept)
 
 
-def _show(object_map: ObjectMap, scan: Scan, out: Path, console: Console) -> None:
+def _save(object_map: ObjectMap, run: MapRun, out: Path) -> None:
+    """The map and its settings; what an earlier map's errors were says nothing of this one."""
+    try:
+        (out / EVALUATION).unlink(missing_ok=True)
+        object_map.save(out)
+        run.save(out)
+    except OSError as error:
+        raise MapError(f"{out}: the map cannot be written here ({error})") from error
+
+
+def _evaluated(object_map: ObjectMap, scan: AnnotatedScan, out: Path) -> MapErrors | None:
+    """The map's errors, written beside it; None where there is no ground truth or it cannot be read."""
+    try:
+        errors = evaluate_map(object_map, dict(scan.ground_truth))
+        if errors.objects:
+            errors.save(out)
+            return errors
+    except (DatasetError, EvaluationError) as error:
+        log.warning("the map is saved but not evaluated: %s", error)
+    return None
+
+
+def _show(object_map: ObjectMap, errors: MapErrors | None, scan: Scan, out: Path, console: Console) -> None:
     console.print(map_table(object_map))
-    table = evaluation_table(object_map)
+    table = None if errors is None else evaluation_table(object_map, errors)
     if table is not None:
         console.print(table)
     if object_map.mapped:
@@ -150,7 +225,3 @@ def _show(object_map: ObjectMap, scan: Scan, out: Path, console: Console) -> Non
         points, colors = scene_points(scan, frames, pixels=20000)
         map_picture(object_map, points, colors, out / "map.png")
     console.print(f"written to {out}")
-
-
-def _write_config(path: Path, config: MappingConfig | LidarMappingConfig) -> None:
-    path.write_text(json.dumps(asdict(config), indent=2) + "\n")

@@ -1,20 +1,27 @@
-"""Long work on the terminal: one bar that says what is being done."""
+"""Long work: one bar on a terminal that says what is being done, and lines anywhere else."""
 
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn
+from rich.progress import Progress as Bar
 
-Tell = Callable[[str, int, int], None]
+Progress = Callable[[str, int, int], None]
 """(what is being done, done, of how many)."""
+_PATIENCE = 30.0
+"""Seconds between lines on many small steps of one kind."""
 
 
 @contextmanager
-def telling(console: Console, transient: bool = False) -> Iterator[Tell]:
-    """A progress bar; a `transient` one is gone once the work is done."""
+def progress(console: Console, transient: bool = False) -> Iterator[Progress]:
+    """A progress bar, a `transient` one gone once the work is done; without a terminal, a line for what is done."""
+    if not console.is_terminal:
+        yield _Lines(console)
+        return
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-    bar = Progress(*columns, console=console, transient=transient)
+    bar = Bar(*columns, console=console, transient=transient)
     task = bar.add_task("starting", total=None)
 
     def tell(what: str, done: int, total: int) -> None:
@@ -26,3 +33,26 @@ def telling(console: Console, transient: bool = False) -> Iterator[Tell]:
     finally:
         if bar.live.is_started:
             bar.stop()
+
+
+class _Lines:
+    """A line whenever more is done than before: what, how many of how many, and the seconds it took."""
+
+    def __init__(self, console: Console) -> None:
+        self._console = console
+        self._what = self._printed = ""
+        self._done = self._total = 0
+        self._told = self._begun = self._printed_at = time.perf_counter()
+
+    def __call__(self, what: str, done: int, total: int) -> None:
+        now = time.perf_counter()
+        if what != self._what:
+            self._what, self._begun = what, self._told  # its first step began when the last thing was told
+        stepped = done > (self._done if total == self._total else 0)
+        self._done, self._total, self._told = done, total, now
+        soon = what == self._printed and done < total and now - self._printed_at < _PATIENCE
+        if not stepped or soon:
+            return
+        self._printed, self._printed_at = what, now
+        line = f"{what}: {done} of {total}, {now - self._begun:.1f} s"
+        self._console.print(line, markup=False, highlight=False, soft_wrap=True)

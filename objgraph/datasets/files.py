@@ -2,8 +2,7 @@
 
 import json
 import logging
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from functools import cached_property
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +11,7 @@ import numpy as np
 from jaxtyping import Float, Int, UInt8
 
 from objgraph.errors import DatasetError
-from objgraph.observation.frames import Frame, FrameSource, GroundTruth, Intrinsics
+from objgraph.observation.frames import Frame, FrameSource, Intrinsics
 
 log = logging.getLogger(__name__)
 
@@ -32,26 +31,6 @@ class LazyFrames(FrameSource):
 
     def __getitem__(self, index: int) -> Frame:
         return self._read(self.names[index])
-
-
-class LazyTruth(Mapping[int, GroundTruth]):
-    """Ground truth that is read when the evaluation first asks for it; mapping never pays for it."""
-
-    def __init__(self, read: Callable[[], dict[int, GroundTruth]]) -> None:
-        self._read = read
-
-    @cached_property
-    def _truth(self) -> dict[int, GroundTruth]:
-        return self._read()
-
-    def __getitem__(self, instance_id: int) -> GroundTruth:
-        return self._truth[instance_id]
-
-    def __iter__(self) -> Iterator[int]:
-        return iter(self._truth)
-
-    def __len__(self) -> int:
-        return len(self._truth)
 
 
 def read_bytes(path: Path) -> bytes:

@@ -3,11 +3,11 @@
 from pathlib import Path
 
 from objgraph.datasets import scannet
-from objgraph.observation.frames import Scan
+from objgraph.datasets.ground_truth import AnnotatedScan
 from objgraph.synthetic.sample import ensure_sample
 
 
-def load(root: Path, scene: str | None = None) -> Scan:
+def load(root: Path, scene: str | None = None) -> AnnotatedScan:
     """The sample scan; generated under `root` at the first call, which takes some seconds."""
     return scannet.load(ensure_sample(root) / "scannet", scene)
 

@@ -21,8 +21,8 @@ from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from objgraph.datasets.files import read_json
+from objgraph.datasets.ground_truth import GroundTruth
 from objgraph.errors import DatasetError
-from objgraph.observation.frames import GroundTruth
 
 log = logging.getLogger(__name__)
 

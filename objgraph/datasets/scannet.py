@@ -16,15 +16,15 @@ from jaxtyping import Float
 
 from objgraph.datasets.files import (
     LazyFrames,
-    LazyTruth,
     decode_instances,
     pick_scene,
     usable_poses,
 )
+from objgraph.datasets.ground_truth import AnnotatedScan, GroundTruth, LazyTruth
 from objgraph.datasets.scan2cad import load_aligned_models, match_models
 from objgraph.datasets.scannet_files import Recording, mask_reader, open_recording, read_labels
 from objgraph.errors import DatasetError
-from objgraph.observation.frames import Frame, FrameSource, GroundTruth, Instance, Scan
+from objgraph.observation.frames import Frame, FrameSource, Instance
 
 log = logging.getLogger(__name__)
 
@@ -92,7 +92,7 @@ def load(
     categories: Mapping[str, str] | None = None,
     scan2cad: Path | None = None,
     shapenet: Path | None = None,
-) -> Scan:
+) -> AnnotatedScan:
     """The scan `scene` under `root`, or the only one there.
 
     `stride` keeps every stride-th frame. `categories` maps ScanNet's labels to categories and limits the objects to
@@ -110,7 +110,7 @@ def load(
     frames = LazyFrames(list(poses), _frame_reader(recording, poses, folder))
     annotations = (scan2cad or root.parent / "scan2cad") / "full_annotations.json"
     meshes = shapenet or root.parent / "shapenet"
-    return Scan(
+    return AnnotatedScan(
         name=folder.name,
         frames=frames,
         instances=instances,

@@ -50,13 +50,6 @@ def whole(where: str, value: Any) -> int | None:
     return None if result is None else int(result)
 
 
-def plain(where: str, value: Any) -> bool | str | float | None:
-    """A truth value, a text or a finite number, as JSON has them."""
-    if isinstance(value, bool | np.bool_):
-        return bool(value)
-    return value if isinstance(value, str) else number(where, value)
-
-
 def is_rigid(T: Float[np.ndarray, "4 4"]) -> bool:
     """Whether a matrix is a rotation and a translation, to the precision of a text file."""
     R = T[:3, :3]

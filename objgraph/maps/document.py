@@ -9,9 +9,11 @@ import numpy as np
 
 from objgraph.errors import MapError
 from objgraph.maps import files as map_files
-from objgraph.maps.mapped_object import COVARIANCE_AXES, MappedObject, PriorReference
+from objgraph.maps.mapped_object import BOX_COVARIANCE_AXES, COVARIANCE_AXES, MappedObject, PriorReference
 from objgraph.maps.other_estimate import OtherEstimate
 
+_AXES = {"covariance": list(COVARIANCE_AXES), "box_covariance": list(BOX_COVARIANCE_AXES)}
+"""What the rows of a matrix are, told beside it."""
 _IN_FILES = ("vertices", "faces", "vertex_sigma", "joint_covariance")
 _JSON_FIELDS = tuple(f.name for f in fields(MappedObject) if f.name not in _IN_FILES)
 
@@ -23,7 +25,8 @@ def to_json(entry: MappedObject, mesh: str | None, joint: str | None) -> dict[st
     document["views"] = list(entry.views)
     document["prior"] = _prior_to_json(entry.prior)
     document["other"] = None if entry.other is None else entry.other.to_json()
-    document["covariance_axes"] = None if entry.covariance is None else list(COVARIANCE_AXES)
+    for name, axes in _AXES.items():
+        document[f"{name}_axes"] = None if document[name] is None else axes
     document |= {"mesh": mesh, "joint_covariance": joint}
     return document
 
@@ -43,15 +46,16 @@ def from_json(document: Any, index: int, folder: Path) -> MappedObject:
     where = f"{folder / map_files.DOCUMENT}: objects[{index}]"
     if not isinstance(document, dict):
         raise MapError(f"{where} is no JSON object")
-    require(document, (*_JSON_FIELDS, "covariance_axes", *map_files.FILES), where)
-    if document["covariance"] is not None and document["covariance_axes"] != list(COVARIANCE_AXES):
-        raise MapError(f"{where}: covariance_axes are not {list(COVARIANCE_AXES)}")
+    require(document, (*_JSON_FIELDS, *(f"{name}_axes" for name in _AXES), *map_files.FILES), where)
+    for name, axes in _AXES.items():
+        if document[name] is not None and document[f"{name}_axes"] != axes:
+            raise MapError(f"{where}: {name}_axes are not {axes}")
     given = {name: document[name] for name in _JSON_FIELDS}
     try:
         given["prior"] = None if given["prior"] is None else PriorReference(**given["prior"])
     except TypeError as error:
         raise MapError(f"{where}: prior must have a name and a hash ({error})") from error
-    for name, kind in (("views", list), ("seconds_by_stage", dict), ("evaluation", dict | None)):
+    for name, kind in (("views", list), ("seconds_by_stage", dict)):
         if not isinstance(given[name], kind):
             raise MapError(f"{where}: {name} is a {type(given[name]).__name__}")
     for name, end in map_files.FILES.items():

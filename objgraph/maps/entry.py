@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from factors.state import ObjectState
+from objgraph.covariance.box import BoxPose, box_pose
 from objgraph.covariance.heading_modes import Turns
 from objgraph.covariance.labelled import ObjectCovariance
 from objgraph.covariance.surface import surface_sigma
@@ -44,6 +45,7 @@ def map_entry(
     state, covariance = estimate.state, estimate.covariance
     mesh = extract_mesh(prior.decoder, state.code, resolution=resolution)
     vertices = np.asarray(mesh.vertices)
+    box = _calibrated_box(prior, estimate, vertices)
     return MappedObject(
         instance.id,
         instance.category,
@@ -60,6 +62,9 @@ def map_entry(
         views=tuple(view.frame for view in views),
         cameras=np.array([view.T_world_camera.matrix() for view in views]),
         size_m=state.scale * mesh.extents,
+        box_centre=None if box is None else box.T_world_box.translation(),
+        box_extents=None if box is None else box.extents,
+        box_covariance=None if box is None else box.covariance.matrix,
         turns=None if estimate.turns is None else estimate.turns.probability,
         turned=None if estimate.turns is None else _turned(state, estimate.turns),
         prior=_reference(prior),
@@ -67,6 +72,20 @@ def map_entry(
         faces=np.asarray(mesh.faces),
         vertex_sigma=surface_sigma(prior.decoder, state, covariance.times(prior.surface_misfit), vertices),
         joint_covariance=covariance.matrix,
+    )
+
+
+def _calibrated_box(prior: ShapePrior, estimate: Found, p_object: Float[np.ndarray, "v 3"]) -> BoxPose | None:
+    """The box and its covariance; None where nothing was measured of the prior, or not for such an estimator."""
+    if not prior.is_calibrated or estimate.view_cost is None:
+        return None
+    return box_pose(
+        prior,
+        estimate.state,
+        estimate.covariance,
+        p_object,
+        turns=estimate.turns,
+        view_cost=estimate.view_cost,
     )
 
 

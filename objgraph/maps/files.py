@@ -107,7 +107,7 @@ def read_document(folder: Path) -> dict[str, Any]:
     """
     path = folder / DOCUMENT
     try:
-        document = json.loads(path.read_text(encoding="utf-8"), parse_constant=_refuse_constant)
+        document = json.loads(path.read_text(encoding="utf-8"), parse_constant=refuse_constant)
     except FileNotFoundError as error:
         raise MapError(f"{path}: there is no map here; give the folder that a map was saved into") from error
     except (OSError, ValueError, RecursionError) as error:
@@ -133,8 +133,8 @@ def commit(folder: Path, document: Mapping[str, Any], files: Mapping[str, bytes]
         folder.mkdir(parents=True, exist_ok=True)
         stale = _named_files(folder) - set(files)
         for name, data in files.items():
-            _replace(folder / name, data)
-        _replace(folder / DOCUMENT, text.encode())
+            replace_file(folder / name, data)
+        replace_file(folder / DOCUMENT, text.encode())
         for name in stale:
             (folder / name).unlink(missing_ok=True)
     except OSError as error:
@@ -158,7 +158,8 @@ def is_plain_name(name: Any, end: str) -> bool:
     )
 
 
-def _replace(path: Path, data: bytes) -> None:
+def replace_file(path: Path, data: bytes) -> None:
+    """Write a file at once; raises OSError where that is impossible."""
     handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
     try:
         with os.fdopen(handle, "wb") as file:
@@ -172,5 +173,6 @@ def _replace(path: Path, data: bytes) -> None:
         raise
 
 
-def _refuse_constant(name: str) -> float:
+def refuse_constant(name: str) -> float:
+    """For `json.loads`: NaN and infinity are read by Python alone."""
     raise ValueError(f"{name} is no JSON number")

@@ -9,6 +9,7 @@ from pathlib import Path
 
 from objgraph.errors import ObjectGraphError, SolveError
 from objgraph.estimate.graph import GraphEstimator
+from objgraph.estimate.heading_modes import QuarterTurnsConfig
 from objgraph.estimate.task import Estimate, EstimationTask
 from objgraph.graph.builder import GraphConfig
 from objgraph.graph.solve import SolverConfig
@@ -37,6 +38,8 @@ class LidarMappingConfig:
     task: LidarTaskConfig = field(default_factory=LidarTaskConfig)
     graph: GraphConfig = ROADS
     solver: SolverConfig = field(default_factory=SolverConfig)
+    turns: QuarterTurnsConfig | None = field(default_factory=QuarterTurnsConfig)
+    """The search for other headings, where no detector said how the object stands."""
 
 
 def map_lidar(
@@ -62,10 +65,11 @@ def map_lidar(
             tasks[detection.id] = task_of(frame, detection, prior, config.task, config.seed)
         except ObjectGraphError as error:
             entries[detection.id] = _failed(detection, error)
-    estimator = GraphEstimator(config.graph, config.solver)
+    estimator = GraphEstimator(config.graph, config.solver, config.turns)
     results = estimator.estimate(list(tasks.values()), lambda done, total: tell("solving", done, total))
-    for (number, task), result in zip(tasks.items(), results, strict=True):
+    for done, ((number, task), result) in enumerate(zip(tasks.items(), results, strict=True), 1):
         entries[number] = _entry(frame.detection(number), task, result, config)
+        tell(f"{entries[number].status} {entries[number].category} {number}", done, len(tasks))
     share = (time.perf_counter() - begun) / max(len(tasks), 1)  # they are solved together
     objects = tuple(
         replace(entries[each.id], seconds=share) if entries[each.id].status == "mapped" else entries[each.id]

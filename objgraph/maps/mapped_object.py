@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from factors.state import RIGID_DOF, ObjectState
+from objgraph.covariance.box import BOX_AXES
 from objgraph.covariance.heading_modes import Turns
 from objgraph.covariance.labelled import RIGID_AXES, ObjectCovariance
 from objgraph.errors import CovarianceError, MapError
@@ -18,22 +19,16 @@ from objgraph.maps.other_estimate import ESTIMATE_SHAPES, OtherEstimate
 COVARIANCE_AXES = RIGID_AXES
 """The 9 axes of `MappedObject.covariance`: GTSAM's Pose3 tangent in the body frame, then the log-scale."""
 
-EVALUATION_KEYS = (
-    "pose_correct",
-    "translation_m",
-    "rotation_deg",
-    "scale_pct",
-    "scale_pct_max",
-    "box_iou",
-    "volume_iou",
-    "chamfer_m",
-)
-"""What `MappedObject.evaluation` holds; a value that could not be measured is None."""
+BOX_COVARIANCE_AXES = BOX_AXES
+"""The 9 axes of `MappedObject.box_covariance`: Pose3's tangent of the box, then the logarithms of its extents."""
 
 _SHAPES: dict[str, tuple[int | None, ...]] = {
     **ESTIMATE_SHAPES,
     "cameras": (None, 4, 4),
     "size_m": (3,),
+    "box_centre": (3,),
+    "box_extents": (3,),
+    "box_covariance": (9, 9),
     "turns": (4,),
     "turned": (4, None),
     "vertices": (None, 3),
@@ -78,7 +73,8 @@ class MappedObject:
     code: Float[np.ndarray, "l"] | None = None
     """Shape code."""
     covariance: Float[np.ndarray, "9 9"] | None = None
-    """Of pose and log-scale; `COVARIANCE_AXES` says what each row is."""
+    """Of pose and log-scale, as the estimator gives it: the graph's marginals are too small (docs/covariances.md).
+    `COVARIANCE_AXES` says what each row is."""
     code_sigma: Float[np.ndarray, "l"] | None = None
     """Standard deviation of each entry of the code."""
     estimator: str | None = None
@@ -100,6 +96,13 @@ class MappedObject:
     """T_world_camera of these frames."""
     size_m: Float[np.ndarray, "3"] | None = None
     """Extents along the object's own axes: width (x), height (y), depth (z), metres."""
+    box_centre: Float[np.ndarray, "3"] | None = None
+    """Of its box along its own axes, world frame; of the box it has a covariance that was calibrated, or nothing."""
+    box_extents: Float[np.ndarray, "3"] | None = None
+    """Edges of that box, metres."""
+    box_covariance: Float[np.ndarray, "9 9"] | None = None
+    """Of that box, calibrated on development objects, with the other headings it may have (`box_pose`); None where no
+    calibration was measured for the prior or the estimator. `BOX_COVARIANCE_AXES` says what each row is."""
     turns: Float[np.ndarray, "4"] | None = None
     """Probabilities that it stands like this, or within the same box turned by a quarter, a half and three quarters about
     its up axis; None where no other heading comes near. The covariance is of this heading alone."""
@@ -107,8 +110,6 @@ class MappedObject:
     """What leads from its state to the likeliest at each of these turns (`ObjectState.retract`); zeros where one has no
     chance."""
     prior: PriorReference | None = None
-    evaluation: Mapping[str, Any] | None = None
-    """`EVALUATION_KEYS` where there is ground truth; of a failed object `pose_correct` is False, the rest None."""
     vertices: Float[np.ndarray, "v 3"] | None = None
     """Of the surface, world frame, metres."""
     faces: Int[np.ndarray, "f 3"] | None = None
@@ -138,10 +139,6 @@ class MappedObject:
         stages = self.seconds_by_stage.items()
         where = f"{label}: seconds_by_stage"
         self._put("seconds_by_stage", {str(k): map_checks.number(f"{where}.{k}", v) for k, v in stages})
-        if self.evaluation is not None:
-            where = f"{label}: evaluation"
-            values = {str(k): map_checks.plain(f"{where}.{k}", v) for k, v in self.evaluation.items()}
-            self._put("evaluation", values)
         _check_consistency(self)
 
     @property
@@ -197,6 +194,13 @@ def _check_consistency(entry: MappedObject) -> None:
         raise _bad(entry, "scale", "must be positive")
     if entry.covariance is not None and (np.diagonal(entry.covariance) < 0).any():
         raise _bad(entry, "covariance", "has a negative variance")
+    box = (entry.box_centre, entry.box_extents, entry.box_covariance)
+    if any(part is None for part in box) and any(part is not None for part in box):
+        raise _bad(entry, "box_covariance", "needs box_centre and box_extents, and they it")
+    if entry.box_extents is not None and not (entry.box_extents > 0).all():
+        raise _bad(entry, "box_extents", "must be positive")
+    if entry.box_covariance is not None and (np.diagonal(entry.box_covariance) < 0).any():
+        raise _bad(entry, "box_covariance", "has a negative variance")
     if entry.code is not None and entry.code_sigma is not None and len(entry.code) != len(entry.code_sigma):
         raise _bad(entry, "code_sigma", f"has {len(entry.code_sigma)} entries, the code {len(entry.code)}")
     if entry.cameras is not None and len(entry.cameras) != len(entry.views):

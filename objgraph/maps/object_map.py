@@ -12,7 +12,7 @@ from objgraph.maps import files as map_files
 from objgraph.maps.colors import sigma_colors, sigma_limit
 from objgraph.maps.mapped_object import MappedObject
 
-VERSION = 5
+VERSION = 6
 """Of the document's layout; a reader refuses another."""
 
 

@@ -15,6 +15,7 @@ from jaxtyping import Float
 from objgraph.errors import InitialisationError, ObjectGraphError, ObservationError, SolveError
 from objgraph.estimate import AdamConfig, AdamEstimator
 from objgraph.estimate.graph import GraphEstimator
+from objgraph.estimate.heading_modes import QuarterTurnsConfig
 from objgraph.estimate.task import EstimationTask, Estimator
 from objgraph.graph.builder import GraphConfig, ObjectBuilder
 from objgraph.graph.initialise import InitialisationConfig, first_states
@@ -54,6 +55,8 @@ class MappingConfig:
     initialisation: InitialisationConfig = field(default_factory=InitialisationConfig)
     graph: GraphConfig = field(default_factory=GraphConfig)
     solver: SolverConfig = field(default_factory=SolverConfig)
+    turns: QuarterTurnsConfig | None = field(default_factory=QuarterTurnsConfig)
+    """The search for other headings; None takes the one that was found as the only one."""
     estimator: Literal["graph", "adam", "both"] = "graph"
     """Who estimates: the factor graph, the paper's gradient descent, or both; of both, the map takes the graph's
     and keeps the other beside it."""
@@ -94,6 +97,7 @@ def map_scan(scan: Scan, config: MappingConfig | None = None, progress: Progress
     for i, instance in enumerate(scan.instances):
         tell(f"mapping {instance.category} {instance.id}", i, len(scan.instances))
         entries.append(map_instance(scan, instance, index, floor, config, find_prior))
+        tell(f"{entries[-1].status} {instance.category} {instance.id}", i + 1, len(scan.instances))
     tell("mapped", len(scan.instances), len(scan.instances))
     return ObjectMap(scan.name, tuple(entries), scan.up_world)
 
@@ -162,7 +166,7 @@ def map_object(
 
 def _estimators(config: MappingConfig) -> list[Estimator]:
     """The one whose estimate the map takes, then the one that stands beside it."""
-    graph, adam = GraphEstimator(config.graph, config.solver), AdamEstimator(config.adam)
+    graph, adam = GraphEstimator(config.graph, config.solver, config.turns), AdamEstimator(config.adam)
     return {"graph": [graph], "adam": [adam], "both": [graph, adam]}[config.estimator]
 
 

@@ -1,7 +1,6 @@
 """What the sensor says about an object: frames, masks, and the points and rays sampled from them."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float, Int, UInt8
@@ -55,21 +54,6 @@ class Frame:
 
 
 @dataclass(frozen=True)
-class GroundTruth:
-    """An annotated CAD model; for evaluation alone."""
-
-    T_world_object: Float[np.ndarray, "4 4"]
-    """Rigid: rotation and translation of the CAD's canonical frame."""
-    scale: Float[np.ndarray, "3"]
-    """Metres per canonical unit along the object's own axes: p_world = T_world_object (scale * p_object)."""
-    vertices: Float[np.ndarray, "v 3"]
-    """CAD vertices in its canonical frame (y up, front at -z)."""
-    faces: Int[np.ndarray, "f 3"]
-    symmetry: int = 1
-    """Rotations about the object's y axis that leave it the same: 1, 2, 4, or 0 for every angle."""
-
-
-@dataclass(frozen=True)
 class Instance:
     """An object that the masks name."""
 
@@ -80,15 +64,13 @@ class Instance:
 
 @dataclass(frozen=True)
 class Scan:
-    """Everything a loader gives: the input of mapping, and beside it what only the evaluation may read."""
+    """Everything a loader gives: the input of mapping."""
 
     name: str
     frames: "FrameSource"
     instances: tuple[Instance, ...]
     up_world: Float[np.ndarray, "3"]
     """Unit vector against gravity, in the world frame."""
-    ground_truth: Mapping[int, GroundTruth] = field(default_factory=dict)
-    """By instance id."""
 
 
 class FrameSource:

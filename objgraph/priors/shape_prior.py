@@ -62,6 +62,11 @@ class ShapePrior:
         card says that such objects need not stand on the floor (`stands`)."""
         return float(self.box[1]) / 2 if self.box is not None and self.card.get("stands", True) else None
 
+    @property
+    def is_calibrated(self) -> bool:
+        """Whether it was measured how far its boxes lie from real ones: only then is a box's covariance to be believed."""
+        return self.box_misfit != BoxMisfit()
+
     def half_box(self, tight: bool) -> float | Float[np.ndarray, "3"]:
         """Half the edges of the canonical box to look for an object's surface in: a cube that holds any shape or, where
         `tight` and all shapes fill one box, that one and some more."""

@@ -77,6 +77,8 @@ def _from_above(axis: Axes, object_map: ObjectMap, frame: LidarFrame, labels: Se
     axis.set_aspect("equal")
     axis.set_xlabel("ahead of the LiDAR (m)")
     axis.set_ylabel("to its left (m)")
+    calibrated = all(entry.box_covariance is not None for entry in object_map.mapped)
+    raw = "" if calibrated else " (not calibrated: too small)"
     handles = [
         Line2D([], [], color="0.35", linestyle="--", label="detection"),
         Line2D([], [], color=COLORS[0], label="estimate: box, footprint"),
@@ -85,7 +87,7 @@ def _from_above(axis: Axes, object_map: ObjectMap, frame: LidarFrame, labels: Se
             [],
             color=COLORS[0],
             lw=2.5,
-            label=f"95 % ellipse of its middle, {_MAGNIFIED:.0f} times as large",
+            label=f"95 % ellipse of its middle, {_MAGNIFIED:.0f} times as large{raw}",
         ),
     ]
     if labels:
@@ -115,8 +117,8 @@ def _object_from_above(axis: Axes, entry: MappedObject, level: Float[np.ndarray,
     box = OrientedBox.about(vertices, T[:3, :3])
     axis.add_patch(_outline(box, level, edgecolor=color, zorder=3))
     through = level.T @ T[:3, :3]
-    known = entry.uncertainty.block("translation")
-    values, vectors = np.linalg.eigh(through @ known.matrix @ through.T)
+    known = _known(entry)
+    values, vectors = np.linalg.eigh(through @ known @ through.T)
     turn = np.linspace(0, 2 * np.pi, 60)
     radii = _MAGNIFIED * np.sqrt(5.991 * values.clip(min=0.0))  # chi-squared of two dimensions at 95 %
     ellipse = (np.column_stack([np.cos(turn), np.sin(turn)]) * radii) @ vectors.T
@@ -129,6 +131,13 @@ def _object_from_above(axis: Axes, entry: MappedObject, level: Float[np.ndarray,
         textcoords="offset points",
         fontsize=8,
     )
+
+
+def _known(entry: MappedObject) -> Float[np.ndarray, "3 3"]:
+    """Covariance of its middle in its own axes: the box's, which is calibrated, or else the estimator's own."""
+    if entry.box_covariance is not None:
+        return entry.box_covariance[3:6, 3:6]
+    return entry.uncertainty.block("translation").matrix
 
 
 def _surface(entry: MappedObject) -> Surface:

@@ -1,6 +1,7 @@
 """Numbers a person asks of an object: where it stands, which way it faces, and how surely.
 
-The covariance is of GTSAM's tangent in the body frame, [rotation, translation], then of the log-scale.
+Covariances are of GTSAM's tangent in the body frame, [rotation, translation], then of what an object or its box has
+besides.
 """
 
 import numpy as np

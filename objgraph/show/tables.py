@@ -14,6 +14,8 @@ from objgraph.show import summary
 NONE = "-"
 FALLBACK = "*"
 """Marks an object of a category without a prior."""
+RAW = "~"
+"""Marks standard deviations that no calibration is behind."""
 
 
 _WORTH_A_WORD = 0.1
@@ -23,20 +25,24 @@ _WORTH_A_WORD = 0.1
 def map_table(object_map: ObjectMap) -> Table:
     """One row an object: its size, place and heading with standard deviations, and what mapping it took.
 
-    Below it stand the reasons of those that failed, and which stand-in an object marked * was mapped with. It fits
+    Place and heading are those of its box, with their calibrated covariance. Where there is none they are its own, with the
+    estimator's covariance, and marked. Below it stand the reasons of those that failed, and which stand-in an object marked * was mapped with. It fits
     a terminal 80 characters wide.
     """
     counts = f"{len(object_map.mapped)} of {len(object_map.objects)} objects mapped"
     table = Table(
         title=f"Map of {escape(object_map.scene)}: {counts}",
-        caption=Text("\n".join(_remarks(object_map)), style="red"),
+        caption=Text("\n").join(
+            [Text(line, style="dim") for line in _legend(object_map)]
+            + [Text(line, style="red") for line in _remarks(object_map)]
+        ),
         caption_justify="left",
         box=SIMPLE_HEAD,
         padding=0,
     )
     for label in ("id", "object", "size, m\nw x h x d"):
         table.add_column(label, justify="left" if label == "object" else "right", no_wrap=True)
-    for label, least in (("position, m\nx ± std, y, z", 12), ("heading\n± std, °", 8), ("cost", 8)):
+    for label, least in (("box centre, m\nx ± std, y, z", 12), ("heading\n± std, °", 8), ("cost", 8)):
         table.add_column(label, justify="right", min_width=least)
     for label in ("views", "time\ns"):
         table.add_column(label, justify="right", no_wrap=True)
@@ -63,21 +69,33 @@ def _size(size_m: Float[np.ndarray, "3"] | None) -> str:
 def _position(entry: MappedObject) -> str:
     if entry.T_world_object is None:
         return NONE
-    position = entry.T_world_object[:3, 3]
-    if entry.covariance is None:
+    position = entry.T_world_object[:3, 3] if entry.box_centre is None else entry.box_centre
+    covariance = _shown(entry)
+    if covariance is None:
         return ", ".join(f"{p:.2f}" for p in position)
-    sigmas = summary.position_sigma(entry.T_world_object, entry.covariance)
-    return ", ".join(f"{p:.2f}±{s:.3f}" for p, s in zip(position, sigmas, strict=True))
+    sigmas = summary.position_sigma(entry.T_world_object, covariance)
+    words = ", ".join(f"{p:.2f}±{s:.3f}" for p, s in zip(position, sigmas, strict=True))
+    return RAW * _is_raw(entry) + words
 
 
 def _heading(entry: MappedObject, up_world: Float[np.ndarray, "3"]) -> str:
     if entry.T_world_object is None:
         return NONE
     degrees = f"{np.degrees(summary.heading(entry.T_world_object, up_world)):.0f}"
-    if entry.covariance is None:
+    covariance = _shown(entry)
+    if covariance is None:
         return degrees
-    sigma = summary.heading_sigma(entry.T_world_object, entry.covariance, up_world)
-    return f"{degrees}±{np.degrees(sigma):.1f}"
+    sigma = summary.heading_sigma(entry.T_world_object, covariance, up_world)
+    return f"{RAW * _is_raw(entry)}{degrees}±{np.degrees(sigma):.1f}"
+
+
+def _shown(entry: MappedObject) -> Float[np.ndarray, "9 9"] | None:
+    """The box's covariance, the estimator's where there is none."""
+    return entry.covariance if entry.box_covariance is None else entry.box_covariance
+
+
+def _is_raw(entry: MappedObject) -> bool:
+    return entry.box_covariance is None and entry.covariance is not None
 
 
 def _cost(entry: MappedObject) -> str:
@@ -89,6 +107,16 @@ def _cost(entry: MappedObject) -> str:
 
 def _status(entry: MappedObject) -> Text:
     return Text(entry.status, style="green" if entry.status == "mapped" else "red")
+
+
+def _legend(object_map: ObjectMap) -> list[str]:
+    """Whose standard deviations these are."""
+    lines = []
+    if any(entry.box_covariance is not None for entry in object_map.objects):
+        lines.append("± of the box, calibrated, other likely headings included (box_covariance)")
+    if any(map(_is_raw, object_map.objects)):
+        lines.append(f"{RAW} place of the origin, ± the estimator's own: not calibrated, too small")
+    return lines
 
 
 def _remarks(object_map: ObjectMap) -> list[str]:

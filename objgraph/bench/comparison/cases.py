@@ -3,7 +3,8 @@
 from collections.abc import Callable, Sequence
 from typing import Any, Protocol
 
-from objgraph.observation.frames import Instance, Scan
+from objgraph.datasets.ground_truth import AnnotatedScan
+from objgraph.observation.frames import Instance
 
 
 class Case(Protocol):
@@ -25,7 +26,7 @@ class Case(Protocol):
     @property
     def instance(self) -> Instance: ...
 
-    def scan(self) -> Scan:
+    def scan(self) -> AnnotatedScan:
         """The scan, with ground truth of the instance; always the same."""
         ...
 

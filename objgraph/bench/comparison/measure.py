@@ -18,12 +18,13 @@ from objgraph.bench.comparison.uncertainty import surface_errors
 from objgraph.bench.metrics.box_error import box_error
 from objgraph.bench.metrics.metrics import Evaluation, evaluate_object
 from objgraph.covariance.box import box_pose
+from objgraph.datasets.ground_truth import AnnotatedScan, GroundTruth
 from objgraph.errors import InitialisationError, ObjectGraphError, ObservationError, SolveError
 from objgraph.estimate.task import Estimate, EstimationTask
 from objgraph.graph.builder import ObjectBuilder
 from objgraph.graph.initialise import guesses, rank
 from objgraph.maps.pipeline import scene_floor
-from objgraph.observation.frames import Frame, GroundTruth, Scan
+from objgraph.observation.frames import Frame
 from objgraph.observation.sampling import ObjectView, SamplingConfig, observe
 from objgraph.priors.mesh import extract_mesh
 from objgraph.priors.shape_prior import ShapePrior
@@ -67,7 +68,7 @@ class Job:
 class _Seen:
     """An object as some frames show it."""
 
-    scan: Scan
+    scan: AnnotatedScan
     floor: float | None
     frames: Mapping[int, Frame]
     """By index into the scan."""
@@ -78,7 +79,7 @@ class _Seen:
 def measure(job: Job, config: ComparisonConfig, version: str = "") -> Iterator[ObjectRow]:
     """The rows of a job, as they are done; whatever goes wrong with an object is its row's failure."""
     case = job.case
-    scan: Scan | None = None
+    scan: AnnotatedScan | None = None
     floor: float | None = None
     for views, methods in job.todo.items():
         blank = ObjectRow("", job.dataset, case.id, case.category, case.shape, views, "", [], version=version)

@@ -9,9 +9,10 @@ from typing import Any
 
 import numpy as np
 
+from objgraph.datasets.ground_truth import AnnotatedScan, GroundTruth, annotated
 from objgraph.datasets.registry import load_scan, scenes
 from objgraph.errors import DatasetError
-from objgraph.observation.frames import GroundTruth, Instance, Scan
+from objgraph.observation.frames import Instance
 from objgraph.observation.view_selection import ViewConfig, ViewIndex, summarize
 
 Options = tuple[tuple[str, Any], ...]
@@ -38,7 +39,7 @@ class ScanCase:
     def category(self) -> str:
         return self.instance.category
 
-    def scan(self) -> Scan:
+    def scan(self) -> AnnotatedScan:
         """The whole scan."""
         return _scan(self.dataset, self.root, self.scene, self.options)
 
@@ -88,7 +89,7 @@ class ScanSource:
             )
         return found
 
-    def _wanted(self, instance: Instance, scan: Scan) -> bool:
+    def _wanted(self, instance: Instance, scan: AnnotatedScan) -> bool:
         return instance.category in self.categories and instance.id in scan.ground_truth
 
     def _case(self, scene: str, instance: Instance, truths: Mapping[int, GroundTruth]) -> ScanCase:
@@ -120,8 +121,8 @@ def mesh_digest(truth: GroundTruth) -> str:
 
 
 @lru_cache(maxsize=2)
-def _scan(dataset: str, root: Path, scene: str, options: Options) -> Scan:
-    return load_scan(dataset, root, scene, **dict(options))
+def _scan(dataset: str, root: Path, scene: str, options: Options) -> AnnotatedScan:
+    return annotated(load_scan(dataset, root, scene, **dict(options)))
 
 
 @lru_cache(maxsize=2)

@@ -12,7 +12,7 @@ from factors.state import ObjectState
 from objgraph.bench.metrics.placed import PlacedMesh
 from objgraph.covariance.labelled import ObjectCovariance
 from objgraph.covariance.surface import metric_sdf
-from objgraph.observation.frames import GroundTruth
+from objgraph.datasets.ground_truth import GroundTruth
 from objgraph.priors.shape_prior import ShapePrior
 
 POINTS = 10_000

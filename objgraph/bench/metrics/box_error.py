@@ -9,7 +9,7 @@ from jaxtyping import Float
 from objgraph.bench.metrics.placed import PlacedMesh
 from objgraph.bench.metrics.pose import CONTINUOUS, align_extents, rotation_error, rotation_y
 from objgraph.covariance.box import BoxPose
-from objgraph.observation.frames import GroundTruth
+from objgraph.datasets.ground_truth import GroundTruth
 
 
 @dataclass(frozen=True)

@@ -1,42 +1,78 @@
 """A map against ground truth."""
 
+import json
 import logging
 from collections.abc import Mapping
-from dataclasses import asdict, replace
+from dataclasses import asdict, dataclass, fields
+from pathlib import Path
+from typing import Any
 
-from objgraph.bench.metrics.metrics import evaluate_object
+from objgraph.bench.metrics.metrics import Evaluation, evaluate_object
+from objgraph.datasets.ground_truth import GroundTruth
 from objgraph.errors import EvaluationError
+from objgraph.maps.files import replace_file
 from objgraph.maps.mapped_object import MappedObject
 from objgraph.maps.object_map import ObjectMap
-from objgraph.observation.frames import GroundTruth
 
 log = logging.getLogger(__name__)
 
+EVALUATION = "evaluation.json"
+"""The file's name beside a map."""
+ERROR_KEYS = tuple(field.name for field in fields(Evaluation))
+"""What is measured of each object; a value that could not be measured is None."""
+_WRONG = dict.fromkeys(ERROR_KEYS) | {"pose_correct": False}
+"""Of an object that failed."""
 
-def evaluated(object_map: ObjectMap, truths: Mapping[int, GroundTruth], seed: int = 0) -> ObjectMap:
-    """The map with the errors of every object that has ground truth.
+
+@dataclass(frozen=True)
+class MapErrors:
+    """The errors of those objects of a map that have ground truth."""
+
+    scene: str
+    objects: Mapping[int, Mapping[str, Any]]
+    """`ERROR_KEYS` by object id; of a failed object `pose_correct` is False and the rest None."""
+
+    def save(self, folder: Path | str) -> None:
+        """Write `evaluation.json` at once.
+
+        Raises:
+            EvaluationError: it cannot be written, or an error is not finite.
+        """
+        path = Path(folder) / EVALUATION
+        document = {
+            "scene": self.scene,
+            "objects": [{"id": number, **errors} for number, errors in self.objects.items()],
+        }
+        try:
+            replace_file(path, (json.dumps(document, indent=1, allow_nan=False) + "\n").encode())
+        except (OSError, ValueError) as error:
+            raise EvaluationError(f"{path}: the errors cannot be written ({error})") from error
+
+
+def evaluate_map(object_map: ObjectMap, truths: Mapping[int, GroundTruth], seed: int = 0) -> MapErrors:
+    """The errors of every object of the map that has ground truth.
 
     An object that failed, or whose surface cannot be measured, counts as wrong. `seed` draws the points of the
     Chamfer distance.
     """
-    return replace(
-        object_map,
-        objects=tuple(
-            _evaluated(entry, truths[entry.id], seed) if entry.id in truths else entry
-            for entry in object_map.objects
-        ),
-    )
+    judged = {
+        entry.id: _errors(entry, truths[entry.id], seed) for entry in object_map.objects if entry.id in truths
+    }
+    return MapErrors(object_map.scene, judged)
 
 
-def _evaluated(entry: MappedObject, truth: GroundTruth, seed: int) -> MappedObject:
-    wrong = replace(entry, evaluation={"pose_correct": False})
+def _errors(entry: MappedObject, truth: GroundTruth, seed: int) -> dict[str, Any]:
     if entry.vertices is None or entry.faces is None or entry.T_world_object is None or entry.scale is None:
-        return wrong
+        return dict(_WRONG)
     R, t = entry.T_world_object[:3, :3], entry.T_world_object[:3, 3]
     p_object = (entry.vertices - t) @ R / entry.scale
     try:
         errors = evaluate_object(entry.T_world_object, entry.scale, p_object, entry.faces, truth, seed)
     except EvaluationError as error:
         log.warning("%s %d cannot be evaluated: %s", entry.category, entry.id, error)
-        return wrong
-    return replace(entry, evaluation=asdict(errors))
+        return dict(_WRONG)
+    # NumPy's numbers are none of JSON's
+    return {
+        name: bool(value) if name == "pose_correct" else float(value)
+        for name, value in asdict(errors).items()
+    }

@@ -8,8 +8,8 @@ from jaxtyping import Float, Int
 from objgraph.bench.metrics.placed import PlacedMesh
 from objgraph.bench.metrics.pose import PoseError, pose_error
 from objgraph.bench.metrics.shape import chamfer_m, volume_iou
+from objgraph.datasets.ground_truth import GroundTruth
 from objgraph.geometry.boxes import box_iou
-from objgraph.observation.frames import GroundTruth
 
 TRANSLATION_LIMIT_M = 0.2
 ROTATION_LIMIT_DEG = 20.0

@@ -6,9 +6,9 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Float, Int
 
+from objgraph.datasets.ground_truth import GroundTruth
 from objgraph.errors import EvaluationError
 from objgraph.geometry.boxes import OrientedBox
-from objgraph.observation.frames import GroundTruth
 
 _RIGID_TOLERANCE = 1e-4
 

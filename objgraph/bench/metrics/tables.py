@@ -9,6 +9,7 @@ from rich.markup import escape
 from rich.table import Table
 from rich.text import Text
 
+from objgraph.bench.metrics.maps import MapErrors
 from objgraph.bench.metrics.metrics import CHAMFER_LIMIT_M, IOU_LIMIT
 from objgraph.maps.object_map import ObjectMap
 from objgraph.show.tables import FALLBACK, NONE, is_fallback
@@ -33,13 +34,12 @@ CRITERIA = (
 """Pose within 20 cm, 20 degrees and 20 % of scale; oriented boxes overlap; surfaces agree."""
 
 
-def evaluation_table(object_map: ObjectMap) -> Table | None:
+def evaluation_table(object_map: ObjectMap, errors: MapErrors) -> Table | None:
     """One row an object with ground truth: errors and which criteria it meets; None without ground truth."""
-    judged = [entry for entry in object_map.objects if entry.evaluation is not None]
-    if not judged:
+    if not errors.objects:
         return None
     table = Table(
-        title=f"Against ground truth: {escape(object_map.scene)}", caption=evaluation_summary(object_map)
+        title=f"Against ground truth: {escape(object_map.scene)}", caption=evaluation_summary(errors)
     )
     table.add_column("id", justify="right")
     table.add_column("object", no_wrap=True)
@@ -47,8 +47,10 @@ def evaluation_table(object_map: ObjectMap) -> Table | None:
         table.add_column(label, justify="right", no_wrap=True)
     for criterion in CRITERIA:
         table.add_column(criterion.label.replace(" ", "\n", 1), justify="center", no_wrap=True)
-    for entry in judged:
-        e = entry.evaluation or {}
+    for entry in object_map.objects:
+        if entry.id not in errors.objects:
+            continue
+        e = errors.objects[entry.id]
         table.add_row(
             str(entry.id),
             escape(entry.category) + FALLBACK * is_fallback(entry),
@@ -62,9 +64,9 @@ def evaluation_table(object_map: ObjectMap) -> Table | None:
     return table
 
 
-def evaluation_summary(object_map: ObjectMap) -> str:
+def evaluation_summary(errors: MapErrors) -> str:
     """How many objects with ground truth meet each criterion, failed ones among them, and the median Chamfer."""
-    judged = [entry.evaluation for entry in object_map.objects if entry.evaluation is not None]
+    judged = [*errors.objects.values()]
     counts = [f"{c.label}: {sum(map(c.passes, judged))} of {len(judged)}" for c in CRITERIA]
     distances = [e["chamfer_m"] for e in judged if e.get("chamfer_m") is not None]
     if distances:
@@ -72,8 +74,8 @@ def evaluation_summary(object_map: ObjectMap) -> str:
     return ", ".join(counts)
 
 
-def _value(evaluation: Mapping[str, Any], key: str, factor: float, digits: int) -> str:
-    value = evaluation.get(key)
+def _value(errors: Mapping[str, Any], key: str, factor: float, digits: int) -> str:
+    value = errors.get(key)
     return NONE if value is None else f"{factor * value:.{digits}f}"
 
 

@@ -12,8 +12,9 @@ from numpy.random import Generator
 from objgraph.bench.worlds.families import FAMILIES, make_piece
 from objgraph.bench.worlds.meshes import choose_meshes, mesh_furniture
 from objgraph.bench.worlds.viewpoints import VIEWS, Pose, Scene, Spacing, can_hold, draw_scene, intrinsics
+from objgraph.datasets.ground_truth import AnnotatedScan, GroundTruth
 from objgraph.errors import DatasetError
-from objgraph.observation.frames import Frame, FrameSource, GroundTruth, Instance, Scan
+from objgraph.observation.frames import Frame, FrameSource, Instance
 from objgraph.synthetic.camera import CameraConfig, camera_matrix
 from objgraph.synthetic.furniture import Category, Furniture
 from objgraph.synthetic.render import Renderer
@@ -73,7 +74,7 @@ class Case:
     mesh: Path | None = None
     """The file of its shape; None for one of the families."""
 
-    def scan(self) -> Scan:
+    def scan(self) -> AnnotatedScan:
         """Render it: the same frames every time. The ground truth is the target's alone.
 
         Raises:
@@ -87,7 +88,7 @@ class Case:
             world.frame(gtsam.Pose3(_raised(pose, world.floor)), str(k), rng)
             for k, (pose, rng) in enumerate(zip(cameras, world.noise.spawn(VIEWS), strict=True))
         ]
-        return Scan(self.id, _Frames(frames), (self.instance,), UP, {self.instance.id: world.truth})
+        return AnnotatedScan(self.id, _Frames(frames), (self.instance,), UP, {self.instance.id: world.truth})
 
     def world(self) -> "World":
         """The room itself, to be seen from anywhere: always the same. Raises as `scan` does."""

@@ -16,10 +16,11 @@ from objgraph.bench.comparison.config import ComparisonConfig
 from objgraph.bench.comparison.methods import METHODS, Method
 from objgraph.bench.comparison.rows import ObjectRow
 from objgraph.covariance.labelled import RIGID_AXES, ObjectCovariance
+from objgraph.datasets.ground_truth import AnnotatedScan, GroundTruth
 from objgraph.errors import ObservationError, SolveError
 from objgraph.estimate.task import Estimate, EstimationTask
 from objgraph.graph.initialise import InitialisationConfig
-from objgraph.observation.frames import GroundTruth, Instance, Scan
+from objgraph.observation.frames import Instance
 from objgraph.observation.sampling import SamplingConfig
 from tests.toys import TOY_CODE, ListedFrames, toy_frame, toy_mesh, toy_prior, toy_state
 
@@ -57,7 +58,7 @@ class FakeCase:
     def state(self) -> ObjectState:
         return toy_state(0.3 + self.index)
 
-    def scan(self) -> Scan:
+    def scan(self) -> AnnotatedScan:
         if self.fault == "dies":
             os._exit(3)
         if self.fault == "scan":
@@ -74,7 +75,7 @@ class FakeCase:
         if self.fault == "masks":
             for frame in frames:
                 frame.instances[:] = 0
-        return Scan(self.id, ListedFrames(frames), (self.instance,), UP, {1: truth})
+        return AnnotatedScan(self.id, ListedFrames(frames), (self.instance,), UP, {1: truth})
 
     def views(self, count: int) -> tuple[int, ...]:
         if self.fault == "views":

@@ -11,7 +11,7 @@ import trimesh
 from factors.state import ObjectState
 from objgraph.bench.comparison.uncertainty import SurfaceErrors, gaussian_pearson, surface_errors
 from objgraph.covariance.labelled import ObjectCovariance
-from objgraph.observation.frames import GroundTruth
+from objgraph.datasets.ground_truth import GroundTruth
 from objgraph.priors.fallback import fallback_prior
 from tests.toys import TOY_CODE, toy_mesh, toy_prior, toy_state
 

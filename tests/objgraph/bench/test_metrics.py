@@ -8,8 +8,8 @@ from scipy.spatial.transform import Rotation
 from objgraph.bench.metrics.metrics import Evaluation, evaluate_object
 from objgraph.bench.metrics.placed import PlacedMesh
 from objgraph.bench.metrics.shape import chamfer_m, volume_iou
+from objgraph.datasets.ground_truth import GroundTruth
 from objgraph.errors import EvaluationError
-from objgraph.observation.frames import GroundTruth
 
 BOX = trimesh.creation.box((0.5, 0.6, 0.62))
 BALL = trimesh.creation.icosphere(subdivisions=3, radius=0.29)

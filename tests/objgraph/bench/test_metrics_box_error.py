@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from objgraph.bench.metrics.box_error import box_error, corners_m
 from objgraph.covariance.box import BOX_AXES, BoxPose
 from objgraph.covariance.labelled import LabelledCovariance
-from objgraph.observation.frames import GroundTruth
+from objgraph.datasets.ground_truth import GroundTruth
 
 COVARIANCE = LabelledCovariance(np.eye(9), BOX_AXES, "marginals")
 EXTENTS = np.array([0.6, 0.9, 0.5])

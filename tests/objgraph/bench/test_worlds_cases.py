@@ -19,9 +19,9 @@ from objgraph.bench.pictures.worlds import draw_families, draw_views
 from objgraph.bench.worlds.cases import SIZES, BenchmarkConfig, Case, synthetic_cases
 from objgraph.bench.worlds.families import FAMILIES
 from objgraph.bench.worlds.viewpoints import APART, DISTANCE_M, HEIGHT_M
+from objgraph.datasets.ground_truth import AnnotatedScan, GroundTruth
 from objgraph.errors import DatasetError, PriorError
 from objgraph.maps.pipeline import scene_floor
-from objgraph.observation.frames import GroundTruth, Scan
 from objgraph.observation.sampling import observe
 from objgraph.synthetic.sensor import SensorConfig
 
@@ -30,12 +30,12 @@ PAIRS = [(0, 1), (0, 2), (1, 2)]
 
 
 @pytest.fixture(scope="module")
-def seen() -> list[tuple[Case, Scan]]:
+def seen() -> list[tuple[Case, AnnotatedScan]]:
     """Cases of every family."""
     return [(case, case.scan()) for case in synthetic_cases(BenchmarkConfig(seed=SEED, objects=8))]
 
 
-def digest(scan: Scan) -> bytes:
+def digest(scan: AnnotatedScan) -> bytes:
     frames = [scan.frames[i] for i in range(len(scan.frames))]
     images = [image.tobytes() for f in frames for image in (f.depth, f.instances, f.T_world_camera)]
     truth = scan.ground_truth[1]
@@ -54,7 +54,7 @@ def model_of(truth: GroundTruth) -> o3d.t.geometry.RaycastingScene:
     return scene
 
 
-def apart(scan: Scan) -> list[float]:
+def apart(scan: AnnotatedScan) -> list[float]:
     """Degrees between the views' bearings about the target."""
     middle = scan.ground_truth[1].T_world_object[:2, 3]
     away = [scan.frames[i].T_world_camera[:2, 3] - middle for i in range(3)]
@@ -132,7 +132,7 @@ def test_views_are_apart_and_held_by_a_person(seen):
             assert DISTANCE_M[0] - 1e-6 <= distance <= DISTANCE_M[1] + 1e-6
 
 
-def silhouette(scan: Scan, index: int) -> np.ndarray:
+def silhouette(scan: AnnotatedScan, index: int) -> np.ndarray:
     """Pixels at which the target would be seen if nothing stood before it."""
     frame, truth = scan.frames[index], scan.ground_truth[1]
     v, u = np.mgrid[: frame.intrinsics.height, : frame.intrinsics.width]

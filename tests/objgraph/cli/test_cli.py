@@ -1,6 +1,9 @@
 """The command line: what the user can mend is one line and the status 1, never a traceback."""
 
 import json
+import re
+import subprocess
+import sys
 
 import pytest
 
@@ -18,6 +21,8 @@ from objgraph.priors.store import save_prior
             ["--dataset", "nope", "--root", "."],
             "no data set 'nope'; available: folder, sample, scannet, sevenscenes",
         ),
+        ([], "no data set: --dataset must name one"),
+        (["--config", "{}/absent.json"], "{}/absent.json: not a readable JSON file"),
         (["--dataset", "scannet"], "data set 'scannet': --root must name its folder"),
         (["--dataset", "scannet", "--root", "{}/absent"], "{}/absent"),
         (["--dataset", "sevenscenes", "--root", "{}/absent"], "{}/absent"),
@@ -55,7 +60,7 @@ def test_an_unknown_scene_names_those_there_are(shared_data, tmp_path, capsys):
     [
         ([], ["map", "train", "convert-prior", "priors"]),
         (["map"], ["--dataset", "--out", "--root", "--scene", "--views", "Views of each object."]),
-        (["map"], ["--categories", "--priors"]),
+        (["map"], ["--categories", "--priors", "--config", "(default: 3)"]),
         (["convert-prior"], ["--source", "--category", "--out", "--checkpoint", "--canonical-scale"]),
         (["priors"], ["PATH", "--json"]),
         (["train"], ["--category"]),
@@ -68,6 +73,38 @@ def test_help_tells_what_there_is(arguments, words, capsys):
     printed = capsys.readouterr().out
     for word in words:
         assert word in printed
+
+
+@pytest.mark.parametrize(("arguments", "words"), [(["--help"], "next-view"), (["--version"], "objgraph 0.")])
+def test_help_and_version_load_no_heavy_library(arguments, words):
+    heavy = ("torch", "gtsam", "scipy", "open3d", "matplotlib", "numpy", "tyro", "rich")
+    code = (
+        "import sys\nfrom objgraph.cli import main\n"
+        f"try:\n    main({arguments})\nexcept SystemExit as end:\n    assert end.code == 0\n"
+        f"print('loaded:', [name for name in {heavy} if name in sys.modules])"
+    )
+    result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert words in result.stdout
+    assert result.stdout.endswith("loaded: []\n")
+
+
+@pytest.mark.parametrize(("arguments", "problem"), [(["fly"], "no verb 'fly'"), ([], "no verb given")])
+def test_a_verb_that_there_is_not_is_one_line_that_names_those_there_are(arguments, problem, capsys):
+    with pytest.raises(SystemExit) as caught:
+        main(arguments)
+    assert caught.value.code == 2
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    assert printed.err.startswith(f"objgraph: {problem}; there are map, next-view, ")
+    assert printed.err.count("\n") == 1
+
+
+def test_the_help_of_map_has_what_a_user_turns(capsys):
+    with pytest.raises(SystemExit):
+        main(["map", "--help"])
+    options = re.findall(r"^│ +(--[a-z0-9-]+)", capsys.readouterr().out, flags=re.MULTILINE)
+    assert len(set(options)) <= 20
+    assert not any("." in option for option in options)
 
 
 @pytest.mark.parametrize("arguments", [[], ["fly"], ["map"], ["map", "--dataset", "sample", "--speed", "9"]])

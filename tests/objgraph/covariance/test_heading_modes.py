@@ -12,8 +12,8 @@ from objgraph.bench.metrics.box_error import box_error
 from objgraph.covariance.box import BoxPose, box_pose
 from objgraph.covariance.heading_modes import Turns
 from objgraph.covariance.labelled import ObjectCovariance
+from objgraph.datasets.ground_truth import GroundTruth
 from objgraph.errors import CovarianceError
-from objgraph.observation.frames import GroundTruth
 from objgraph.priors.misfit import BoxMisfit
 from tests.toys import toy_prior, toy_state
 

@@ -158,10 +158,9 @@ def test_the_command_line_says_what_is_wrong(root, tmp_path, capsys):
         (["--root", str(root)], "several scenes"),
         ([], "--root must name its folder"),
         (["--root", str(root), "--scene", "000000", "--categories", "chair"], "nothing is detected"),
-        (["--root", str(root), "--scene", "000000", "--config.estimator", "adam"], "by the graph alone"),
+        (["--root", str(root), "--scene", "000000", "--estimator", "adam"], "does not use --estimator"),
     ]:
         out = ["--out", str(tmp_path / "out")]
-        arguments = [word.replace("--config.", "--") for word in arguments]
         assert main(["map", "--dataset", "kitti", *out, *arguments]) == 1
         assert message in capsys.readouterr().out
     assert not (tmp_path / "out").exists()

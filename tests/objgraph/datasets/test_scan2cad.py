@@ -11,10 +11,10 @@ from scipy.spatial import KDTree
 from scipy.spatial.transform import Rotation
 from trimesh.exchange.obj import export_obj
 
+from objgraph.datasets import ground_truth as truth_of
 from objgraph.datasets import load_scan
 from objgraph.datasets.scan2cad import load_aligned_models, match_models
 from objgraph.errors import DatasetError
-from objgraph.observation.frames import GroundTruth
 from tests.objgraph.datasets.dataset_folders import write_bytes
 
 CHAIR, TABLE = "03001627", "04379243"
@@ -68,7 +68,7 @@ def annotated(tmp_path):
     return path, shapenet, entry
 
 
-def _placed(truth: GroundTruth):
+def _placed(truth: truth_of.GroundTruth):
     return truth.vertices * truth.scale @ truth.T_world_object[:3, :3].T + truth.T_world_object[:3, 3]
 
 
@@ -152,7 +152,7 @@ def test_matching_goes_by_category_and_place(annotated):
 @pytest.fixture(scope="module")
 def real_points(shared_data):
     """Masked depth points of the real scan in the world frame, by mask value, 4000 each."""
-    scan = load_scan("scannet", shared_data / "scannet")
+    scan = truth_of.annotated(load_scan("scannet", shared_data / "scannet"))
     points = {k: [] for k in range(1, 8)}
     for frame in scan.frames:
         v, u = np.nonzero((frame.instances > 0) & (frame.depth > 0))
@@ -178,7 +178,7 @@ def test_real_models_fit_the_masked_depth(shared_data, real_points):
 
 
 def test_real_instances_find_their_models(shared_data):
-    scan = load_scan("scannet", shared_data / "scannet")
+    scan = truth_of.annotated(load_scan("scannet", shared_data / "scannet"))
     models = load_aligned_models(
         shared_data / "scan2cad" / "full_annotations.json", shared_data / "shapenet", "scene0470_00"
     )

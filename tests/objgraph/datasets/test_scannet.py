@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from objgraph.datasets import load_scan
+from objgraph.datasets.ground_truth import annotated
 from objgraph.errors import DatasetError
 from objgraph.observation.frames import Instance
 from tests.objgraph.datasets.dataset_folders import (
@@ -259,10 +260,10 @@ def test_without_annotations_there_is_no_ground_truth(tmp_path, caplog):
     write_exported_scan(tmp_path / "scannet", 1)
     scan = load_scan("scannet", tmp_path / "scannet")
     with caplog.at_level(logging.INFO):
-        assert dict(scan.ground_truth) == {}
+        assert dict(annotated(scan).ground_truth) == {}
     assert "no ground truth" in caplog.text
     write_bytes(tmp_path / "scan2cad" / "full_annotations.json", json.dumps([{"id_scan": "other"}]).encode())
-    assert len(load_scan("scannet", tmp_path / "scannet").ground_truth) == 0
+    assert len(annotated(load_scan("scannet", tmp_path / "scannet")).ground_truth) == 0
 
 
 def test_the_real_scan(shared_data):

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from objgraph.datasets import load_scan
+from objgraph.datasets.ground_truth import AnnotatedScan, annotated
 from objgraph.errors import DatasetError
 from objgraph.observation.frames import Instance
 from tests.objgraph.datasets.dataset_folders import (
@@ -35,7 +36,8 @@ def test_points_in_a_box_are_the_objects(tmp_path, caplog):
         scan = load_scan("sevenscenes", tmp_path, categories={"chair": "chair"})
     assert scan.instances == (Instance(1, "chair"),)
     assert "plant" in caplog.text
-    assert len(scan.ground_truth) == 0
+    assert not isinstance(scan, AnnotatedScan)
+    assert len(annotated(scan).ground_truth) == 0
     np.testing.assert_allclose(scan.up_world, [0, 0, -1])
     frame = scan.frames[1]
     assert frame.name == "frame-000001"

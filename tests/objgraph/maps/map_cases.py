@@ -6,7 +6,7 @@ import numpy as np
 import trimesh
 from scipy.spatial.transform import Rotation
 
-from objgraph.maps.mapped_object import EVALUATION_KEYS, MappedObject, PriorReference
+from objgraph.maps.mapped_object import MappedObject, PriorReference
 from objgraph.maps.other_estimate import OtherEstimate
 
 UP = np.array([0.0, 0.0, 1.0])
@@ -53,10 +53,12 @@ def mapped(identifier: int = 1, seed: int = 0, **changes) -> MappedObject:
         "views": ("0", "12"),
         "cameras": np.tile(T, (len(changes.get("views", ("0", "12"))), 1, 1)),
         "size_m": rng.uniform(0.5, 2, 3),
+        "box_centre": rng.normal(size=3),
+        "box_extents": rng.uniform(0.5, 2, 3),
+        "box_covariance": 1.5 * joint[:9, :9],
         "turns": rng.dirichlet(np.ones(4)),
         "turned": rng.normal(size=(4, 9 + (8 if changes.get("code") is None else len(changes["code"])))),
         "prior": PriorReference("chair", "ab12"),
-        "evaluation": dict.fromkeys(EVALUATION_KEYS, 0.5) | {"pose_correct": np.True_, "volume_iou": None},
         "vertices": np.asarray(ball.vertices) + T[:3, 3],
         "faces": np.asarray(ball.faces),
         "vertex_sigma": rng.uniform(0.001, 0.05, len(ball.vertices)),

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from objgraph.errors import MapError
 from objgraph.maps import files as map_files
-from objgraph.maps.mapped_object import COVARIANCE_AXES, EVALUATION_KEYS
+from objgraph.maps.mapped_object import BOX_COVARIANCE_AXES, COVARIANCE_AXES
 from objgraph.maps.object_map import ObjectMap
 from tests.objgraph.maps.map_cases import UP, assert_same, failed, mapped, other
 
@@ -38,11 +38,14 @@ JSON_NAMES = [
     "seconds_by_stage",
     "views",
     "size_m",
+    "box_centre",
+    "box_extents",
+    "box_covariance",
+    "box_covariance_axes",
     "turns",
     "mesh",
     "joint_covariance",
     "prior",
-    "evaluation",
 ]
 
 
@@ -58,8 +61,6 @@ finite = st.floats(-1e6, 1e6)
     cost=st.none() | finite,
     stages=st.dictionaries(st.text(max_size=5), st.floats(0, 1e3), max_size=3),
     views=st.lists(st.text(max_size=5), max_size=4),
-    evaluation=st.none()
-    | st.dictionaries(st.sampled_from(EVALUATION_KEYS), st.none() | st.booleans() | finite),
     drop=st.sets(
         st.sampled_from(
             [
@@ -79,7 +80,7 @@ finite = st.floats(-1e6, 1e6)
     reason=st.text(min_size=1, max_size=20),
 )
 def test_a_saved_map_comes_back_as_it_was(
-    tmp_path_factory, seed, category, scene, code, cost, stages, views, evaluation, drop, second, reason
+    tmp_path_factory, seed, category, scene, code, cost, stages, views, drop, second, reason
 ):
     entry = mapped(
         3,
@@ -89,7 +90,6 @@ def test_a_saved_map_comes_back_as_it_was(
         cost_final=cost,
         seconds_by_stage=stages,
         views=tuple(views),
-        evaluation=evaluation,
         other=second,
         **({"code_sigma": np.ones(len(code))} | dict.fromkeys(drop)),
     )
@@ -106,14 +106,15 @@ def test_the_document_has_the_promised_names_and_failed_objects_have_nulls(tmp_p
     ObjectMap("room", (mapped(1), failed(9)), UP).save(tmp_path)
     document = json.loads((tmp_path / "map.json").read_text())
     assert set(document) == {"version", "scene", "up_world", "objects"}
-    assert document["version"] == 5
+    assert document["version"] == 6
     good, bad = document["objects"]
     assert set(good) == set(bad) == set(JSON_NAMES)
     assert (good["estimator"], good["other"]) == ("graph", None)
     assert good["covariance_axes"] == list(COVARIANCE_AXES)
     assert len(good["covariance_axes"]) == 9
+    assert good["box_covariance_axes"] == list(BOX_COVARIANCE_AXES)
+    assert bad["box_covariance"] is bad["box_covariance_axes"] is None
     assert good["prior"] == {"name": "chair", "hash": "ab12"}
-    assert good["evaluation"]["pose_correct"] is True
     assert (tmp_path / good["mesh"]).is_file()
     assert (tmp_path / good["joint_covariance"]).is_file()
     assert bad["status"] == "failed"
@@ -185,7 +186,7 @@ def broken(folder, change):
     [
         (lambda d: d.pop("scene"), "scene missing"),
         (lambda d: d.update(version=99), "version 99"),
-        (lambda d: d.update(version=2), "version 2 "),
+        (lambda d: d.update(version=5), "version 5 "),
         (lambda d: d["objects"][0].pop("other"), r"objects\[0\]: other missing"),
         (lambda d: d["objects"][0].update(other=3), r"objects\[0\]: other estimate must have estimator, T_w"),
         (
@@ -204,6 +205,8 @@ def broken(folder, change):
         (lambda d: d["objects"][0].update(id=None), r"objects\[0\]: .*id is missing"),
         (lambda d: d["objects"][0].update(category=4), r"objects\[0\]: .*category is no text"),
         (lambda d: d["objects"][0].update(covariance_axes=["x"]), r"objects\[0\]: covariance_axes"),
+        (lambda d: d["objects"][0].update(box_covariance_axes=["x"]), r"objects\[0\]: box_covariance_axes"),
+        (lambda d: d["objects"][0].update(box_centre=None), "box_covariance needs box_centre"),
         (lambda d: d["objects"][0].update(prior={"name": "x"}), r"objects\[0\]: prior must have"),
         (lambda d: d["objects"][0].update(views=3), r"objects\[0\]: views is a int"),
         (lambda d: d["objects"][0].update(mesh="../x.glb"), r"objects\[0\]: mesh '../x.glb'"),

@@ -1,6 +1,7 @@
 """Cars from single scans: every one has a result or a reason, near the truth, and covariances behave as physics says."""
 
 import json
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -105,24 +106,35 @@ def test_the_command_line_maps_the_street(street, tmp_path, capsys):
     assert len(ObjectMap.load(tmp_path / "out").mapped) == 5
 
 
-def test_settings_of_a_lidar_are_options_and_those_of_a_camera_are_refused(street, tmp_path, capsys):
-    arguments = ["map", "--dataset", "kitti", "--root", str(street), "--out", str(tmp_path / "out")]
-    given = [
-        "--lidar.detector.position",
-        "0.2",
-        "--lidar.sampling.free",
-        "40",
-        "--lidar-graph.floor-sigma",
-        "0.1",
-    ]
-    assert main([*arguments, *given, "--seed", "3", "--mesh-resolution", "32"]) == 0
-    used = json.loads((tmp_path / "out" / "config.json").read_text())
+def test_settings_of_a_lidar_are_its_own_and_those_of_a_camera_are_refused(street, tmp_path, capsys):
+    out, file = tmp_path / "out", tmp_path / "settings.json"
+    arguments = ["map", "--dataset", "kitti", "--root", str(street), "--out", str(out)]
+    task = {"detector": {"position": 0.2}, "sampling": {"free": 40}}
+    file.write_text(json.dumps({"settings": {"task": task, "graph": {"floor_sigma": 0.1}, "seed": 1}}))
+    given = ["--config", str(file), "--seed", "3", "--mesh-resolution", "32", "--points", "250"]
+    assert main([*arguments, *given]) == 0
+    document = json.loads((out / "config.json").read_text())
+    used = document["settings"]
     assert used["task"]["detector"]["position"] == 0.2
-    assert used["task"]["sampling"]["free"] == 40
+    assert (used["task"]["sampling"]["free"], used["task"]["sampling"]["points"]) == (40, 250)
     assert (used["graph"]["floor_sigma"], used["seed"]) == (0.1, 3)
     assert used["graph"]["tight_box"]  # what was not given is as it is for roads
+    assert (document["dataset"], document["root"], document["scene"]) == ("kitti", str(street), "000000")
+    assert re.search(r"^mapped car \d: 5 of 5, \d+\.\d s$", capsys.readouterr().out, flags=re.MULTILINE)
+    again = tmp_path / "again"
+    assert main(["map", "--config", str(out / "config.json"), "--out", str(again)]) == 0
+    assert json.loads((again / "config.json").read_text()) == document
+    for one, two in zip(ObjectMap.load(out).objects, ObjectMap.load(again).objects, strict=True):
+        np.testing.assert_array_equal(one.T_world_object, two.T_world_object)
     capsys.readouterr()
-    for option in ("--graph.floor-sigma", "--sampling.flying"):
-        assert main([*arguments, option, "0.1"]) == 1
-        message = " ".join(capsys.readouterr().out.split())
-        assert f"does not use {option.split('.')[0]}: see --lidar and --lidar-graph" in message
+    refused = [
+        (["--views", "2"], "data set 'kitti' does not use --views"),
+        (["--estimator", "adam"], "data set 'kitti' does not use --estimator"),
+        (["--scan2cad", "."], "data set 'kitti' does not use --scan2cad"),
+    ]
+    for option, message in refused:
+        assert main([*arguments, *option]) == 1
+        assert message in capsys.readouterr().out
+    file.write_text(json.dumps({"settings": {"sampling": {"flying": 0.1}}}))
+    assert main([*arguments, "--config", str(file)]) == 1
+    assert "settings.json: settings: no setting sampling of data set 'kitti'" in capsys.readouterr().out

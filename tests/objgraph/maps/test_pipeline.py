@@ -1,5 +1,6 @@
 """From a scan to a map: chairs where they are, failures that say why, and no look at the ground truth."""
 
+import json
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
@@ -11,10 +12,13 @@ from scipy.spatial import KDTree
 from scipy.stats import chi2
 
 from factors.state import ObjectState
-from objgraph.bench.metrics.maps import evaluated
+from objgraph.bench.metrics.maps import ERROR_KEYS, evaluate_map
+from objgraph.covariance.box import box_pose
+from objgraph.covariance.heading_modes import Turns
 from objgraph.covariance.labelled import ObjectCovariance
 from objgraph.covariance.surface import surface_sigma
-from objgraph.errors import InitialisationError, ObservationError, SolveError
+from objgraph.datasets.ground_truth import AnnotatedScan, GroundTruth
+from objgraph.errors import EvaluationError, InitialisationError, ObservationError, SolveError
 from objgraph.estimate import AdamConfig
 from objgraph.estimate.terms import RaySteps
 from objgraph.graph.builder import ObjectBuilder
@@ -24,8 +28,9 @@ from objgraph.maps import pipeline as mapping
 from objgraph.maps.entry import Found, map_entry
 from objgraph.maps.object_map import ObjectMap
 from objgraph.maps.pipeline import MappingConfig, map_object, map_scan, scene_points
-from objgraph.observation.frames import GroundTruth, Instance, Scan
+from objgraph.observation.frames import Instance, Scan
 from objgraph.observation.sampling import SamplingConfig, observe
+from objgraph.priors.misfit import BoxMisfit
 from objgraph.priors.registry import prior_for
 from tests.toys import INTRINSICS, ListedFrames, ToyDecoder, toy_frame, toy_mesh, toy_prior, toy_state
 
@@ -68,7 +73,7 @@ def toy_scan() -> Scan:
     lost = [replace(f, name=f"lost {f.name}", T_world_camera=np.full((4, 4), np.nan)) for f in frames]
     frames = lost + frames
     instances = [Instance(i, "chair") for i in (1, 2, 4, 6)] + [Instance(5, "grand piano")]
-    return Scan("two chairs", ListedFrames(frames), tuple(instances), UP, Secret())
+    return AnnotatedScan("two chairs", ListedFrames(frames), tuple(instances), UP, Secret())
 
 
 def toy_priors(category: str, given=()):
@@ -158,6 +163,13 @@ def test_a_mapped_object_s_fields_agree(toy_map, instance):
 def test_progress_is_told(toy_map, told):
     assert told[0] == ("reading frames", 1, 6)
     assert ("mapping chair 2", 1, 5) in told
+    assert [each for each in told if each[0].startswith(("mapped chair", "failed"))] == [
+        ("mapped chair 1", 1, 5),
+        ("mapped chair 2", 2, 5),
+        ("failed chair 4", 3, 5),
+        ("failed chair 6", 4, 5),
+        ("failed grand piano 5", 5, 5),
+    ]
     assert told[-1] == ("mapped", 5, 5)
 
 
@@ -169,9 +181,9 @@ def test_a_map_is_saved_and_read_again(toy_map, tmp_path):
 
 
 def test_evaluation_is_a_step_of_its_own(toy_map):
-    measured = evaluated(toy_map, truths() | {4: truths()[1]})
+    measured = evaluate_map(toy_map, truths() | {4: truths()[1]}).objects
     for instance in CHAIRS:
-        errors = entry(measured, instance).evaluation
+        errors = measured[instance]
         assert errors["pose_correct"]
         assert errors["translation_m"] < 0.03
         assert errors["rotation_deg"] < 3
@@ -181,15 +193,25 @@ def test_evaluation_is_a_step_of_its_own(toy_map):
         true = np.asarray(toy_mesh(chair(instance).code).sample(3000, seed=0))
         away = KDTree(chair(instance).to_world(true)).query(found)[0]
         assert away.mean() < 0.05
-    assert entry(measured, 4).evaluation["pose_correct"] is False
-    assert entry(measured, 5).evaluation is None
-    assert entry(toy_map, 1).evaluation is None
+    assert measured[4] == dict.fromkeys(ERROR_KEYS) | {"pose_correct": False}
+    assert set(measured) == {*CHAIRS, 4}
+
+
+def test_the_errors_are_a_file_beside_the_map(toy_map, tmp_path):
+    errors = evaluate_map(toy_map, truths() | {4: truths()[1]})
+    errors.save(tmp_path)
+    document = json.loads((tmp_path / "evaluation.json").read_text())
+    assert document["scene"] == "two chairs"
+    assert {row.pop("id"): row for row in document["objects"]} == errors.objects
+    assert [path.name for path in tmp_path.iterdir()] == ["evaluation.json"]
+    with pytest.raises(EvaluationError, match=r"absent/evaluation\.json"):
+        errors.save(tmp_path / "absent")
 
 
 def test_the_wrong_truth_is_told_from_the_right_one(toy_map):
     swapped = {1: truths()[2], 2: truths()[1]}
     for instance in CHAIRS:
-        errors = entry(evaluated(toy_map, swapped), instance).evaluation
+        errors = evaluate_map(toy_map, swapped).objects[instance]
         assert not errors["pose_correct"]
         assert errors["translation_m"] > 1
 
@@ -323,6 +345,31 @@ def test_surfaces_of_the_map_are_as_uncertain_as_the_prior_says():
     np.testing.assert_allclose(wide.vertex_sigma, 2 * expected, rtol=1e-4)
     # what is asked of the map later is the graph's own
     np.testing.assert_array_equal(wide.joint_covariance, covariance.matrix)
+
+
+def test_the_box_has_the_calibrated_covariance_or_none():
+    state, misfit = toy_state(1.0), BoxMisfit(0.03, 0.4, 0.1, marginals=1.5, view_cost=40.0)
+    prior = replace(toy_prior(), box_misfit=misfit)
+    covariance = ObjectCovariance.diagonal(np.full(13, 1e-4), "marginals")
+    turns = Turns(np.array([0.7, 0.0, 0.3, 0.0]))
+    estimate = Found(state, covariance, 2.0, 1.0, 1, 1, view_cost=60.0, turns=turns)
+    views = [observe(toy_frame([state], 0.3), 1, CONFIG.sampling)]
+    found = map_entry(Instance(3, "chair"), prior, estimate, views, 24)
+    assert found.vertices is not None
+    expected = box_pose(
+        prior, state, covariance, state.to_object(found.vertices), turns=turns, view_cost=60.0
+    )
+    assert found.box_covariance is not None
+    assert found.box_centre is not None
+    assert found.box_extents is not None
+    np.testing.assert_allclose(found.box_covariance, expected.covariance.matrix, rtol=1e-6, atol=1e-12)
+    np.testing.assert_allclose(found.box_centre, expected.T_world_box.translation(), atol=1e-9)
+    np.testing.assert_allclose(found.box_extents, expected.extents)
+    # the file's marginals stay as they are
+    np.testing.assert_array_equal(found.covariance, covariance.rigid)
+    unmeasured = map_entry(Instance(3, "chair"), toy_prior(), estimate, views, 24)
+    by_gradients = map_entry(Instance(3, "chair"), prior, replace(estimate, view_cost=None), views, 24)
+    assert unmeasured.box_covariance is by_gradients.box_covariance is None
 
 
 def test_the_covariance_of_many_chairs_covers_their_truth():

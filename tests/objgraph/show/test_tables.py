@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from rich.console import Console
 from scipy.spatial.transform import Rotation
 
+from objgraph.bench.metrics.maps import MapErrors
 from objgraph.bench.metrics.tables import evaluation_summary, evaluation_table
 from objgraph.maps.mapped_object import MappedObject
 from objgraph.maps.object_map import ObjectMap
@@ -90,14 +91,6 @@ def example() -> ObjectMap:
         seconds=4.34,
         views=("0", "3", "9"),
         size_m=np.array([0.61, 0.92, 0.58]),
-        evaluation={
-            "pose_correct": True,
-            "translation_m": 0.034,
-            "rotation_deg": 2.5,
-            "scale_pct": 3.1,
-            "box_iou": 0.61,
-            "chamfer_m": 0.042,
-        },
     )
     table = MappedObject(
         2,
@@ -106,10 +99,26 @@ def example() -> ObjectMap:
         T_world_object=np.eye(4),
         scale=np.ones(3),
         code=np.zeros(2),
-        evaluation={"pose_correct": False, "box_iou": 0.25, "chamfer_m": 0.06, "rotation_deg": 40.0},
     )
-    lost = MappedObject(3, "chair", "failed", "12 [px] seen", evaluation={"pose_correct": False})
+    lost = MappedObject(3, "chair", "failed", "12 [px] seen")
     return ObjectMap("room [a]", (chair, table, lost), UP)
+
+
+ERRORS = MapErrors(
+    "room [a]",
+    {
+        1: {
+            "pose_correct": True,
+            "translation_m": 0.034,
+            "rotation_deg": 2.5,
+            "scale_pct": 3.1,
+            "box_iou": 0.61,
+            "chamfer_m": 0.042,
+        },
+        2: {"pose_correct": False, "box_iou": 0.25, "chamfer_m": 0.06, "rotation_deg": 40.0},
+        3: {"pose_correct": False},
+    },
+)
 
 
 def test_another_heading_that_is_likely_is_told():
@@ -127,12 +136,31 @@ def text(table, width=200) -> str:
     return console.export_text()
 
 
+def test_what_is_printed_is_the_calibrated_box_and_the_raw_is_marked():
+    chair, table, lost = example().objects
+    wider = np.diag([4e-4, 16e-4, 36e-4, 0.04, 0.16, 0.36, 1, 1, 1])
+    boxed = replace(chair, box_centre=np.array([1.1, 2.2, 0.6]), box_extents=np.ones(3), box_covariance=wider)
+    raw = replace(table, covariance=wider)
+    printed = text(map_table(ObjectMap("room", (boxed, raw, lost), UP)))
+    lines = printed.splitlines()
+    (row,) = [line for line in lines if "chair [r]" in line]
+    assert "1.10±0.200, 2.20±0.600, 0.60±0.400" in row
+    assert "90±2.3" in row
+    assert "~" not in row
+    (row,) = [line for line in lines if " table " in line]
+    assert "~0.00±0.200" in row
+    assert "± of the box, calibrated" in printed
+    assert "~ place of the origin, ± the estimator's own: not calibrated, too small" in printed
+    calibrated = text(map_table(ObjectMap("room", (boxed, table, lost), UP)))
+    assert "~" not in calibrated
+
+
 def test_the_map_table_shows_every_number_in_its_unit():
     lines = text(map_table(example())).splitlines()
     (chair,) = [line for line in lines if "chair [r]" in line]
     for piece in (
         "0.61x0.92x0.58",
-        "1.00±0.100, 2.00±0.300, 0.50±0.200",
+        "~1.00±0.100, 2.00±0.300, 0.50±0.200",
         "90±1.1",
         "4210 -> 312.8",
         " 3 ",
@@ -153,7 +181,7 @@ def test_the_map_table_fits_a_narrow_terminal():
 
 
 def test_the_evaluation_table_judges_each_object():
-    lines = text(evaluation_table(example())).splitlines()
+    lines = text(evaluation_table(example(), ERRORS)).splitlines()
     (chair,) = [line for line in lines if "chair [r]" in line]
     for piece in ("3.4", "2.5", "3.1", "0.61", "4.2"):
         assert piece in chair
@@ -163,11 +191,11 @@ def test_the_evaluation_table_judges_each_object():
 
 
 def test_the_summary_counts_failed_objects_as_failures():
-    assert evaluation_summary(example()) == (
+    assert evaluation_summary(ERRORS) == (
         "pose: 1 of 3, IoU > 0.25: 1 of 3, Chamfer < 20 cm: 2 of 3, median Chamfer 5.1 cm (2 measured)"
     )
 
 
 def test_without_ground_truth_there_is_no_evaluation_table():
     lost = MappedObject(3, "chair", "failed", "seen in 12 pixels")
-    assert evaluation_table(ObjectMap("room", (lost,), UP)) is None
+    assert evaluation_table(ObjectMap("room", (lost,), UP), MapErrors("room", {})) is None

@@ -10,8 +10,8 @@ import pytest
 
 from objgraph.bench.metrics.metrics import evaluate_object
 from objgraph.datasets import scannet
+from objgraph.datasets.ground_truth import AnnotatedScan
 from objgraph.errors import DatasetError
-from objgraph.observation.frames import Scan
 from objgraph.synthetic import sample as sample_module
 from objgraph.synthetic.camera import CameraConfig
 from objgraph.synthetic.sample import SampleConfig, ensure_sample, generate_sample
@@ -32,7 +32,7 @@ PERFECT = SensorConfig(
 
 
 @pytest.fixture(scope="module")
-def default_scan(tmp_path_factory) -> Scan:
+def default_scan(tmp_path_factory) -> AnnotatedScan:
     root = generate_sample(tmp_path_factory.mktemp("default") / "sample")
     return scannet.load(root / "scannet")
 
@@ -47,7 +47,7 @@ def files_of(root: Path) -> dict[str, bytes]:
     return {str(p.relative_to(root)): p.read_bytes() for p in sorted(root.rglob("*")) if p.is_file()}
 
 
-def masked_points(scan: Scan, instance: int) -> np.ndarray:
+def masked_points(scan: AnnotatedScan, instance: int) -> np.ndarray:
     points = []
     for frame in (scan.frames[i] for i in range(len(scan.frames))):
         v, u = np.nonzero((frame.instances == instance) & (frame.depth > 0))
@@ -56,7 +56,7 @@ def masked_points(scan: Scan, instance: int) -> np.ndarray:
     return np.concatenate(points)
 
 
-def distance_to_truth(scan: Scan, instance: int) -> np.ndarray:
+def distance_to_truth(scan: AnnotatedScan, instance: int) -> np.ndarray:
     truth = scan.ground_truth[instance]
     p_world = (truth.scale * truth.vertices) @ truth.T_world_object[:3, :3].T + truth.T_world_object[:3, 3]
     scene = o3d.t.geometry.RaycastingScene()

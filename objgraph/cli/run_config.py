@@ -1,0 +1,156 @@
+"""`config.json`: all that a mapping run depends on, written beside the map and read again by `--config`."""
+
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, fields
+from pathlib import Path
+from typing import Any, TypeVar
+
+import dacite
+
+from objgraph.errors import ConfigError, DatasetError
+from objgraph.maps.files import refuse_constant, replace_file
+from objgraph.maps.lidar import LidarMappingConfig
+from objgraph.maps.pipeline import MappingConfig
+from objgraph.version import program_version
+
+CONFIG = "config.json"
+LIDAR_DATASETS = ("kitti", "street")
+_JSON = (str, int, float, dict, tuple, type(None))
+_PROGRAM, _SETTINGS = "objgraph", "settings"
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class Source:
+    """Which objects are mapped; paths are as the user gave them."""
+
+    dataset: str
+    root: Path | None = None
+    scene: str | None = None
+    categories: tuple[str, ...] = ()
+    trajectory: Path | None = None
+    scan2cad: Path | None = None
+    shapenet: Path | None = None
+
+
+@dataclass(frozen=True)
+class MapRun:
+    """A mapping run."""
+
+    source: Source
+    settings: MappingConfig | LidarMappingConfig
+    """The latter for the scans of a LiDAR."""
+
+    def save(self, folder: Path) -> None:
+        """Write `config.json` at once."""
+        document = {_PROGRAM: program_version(), **asdict(self.source), _SETTINGS: asdict(self.settings)}
+        replace_file(folder / CONFIG, (json.dumps(document, indent=2, default=str) + "\n").encode())
+
+
+def read_run(
+    path: Path | None, source: Mapping[str, Any], settings: Mapping[str, tuple[tuple[str, ...], Any]]
+) -> MapRun:
+    """The run that a file describes, where there is one, with what was typed in place of what it says.
+
+    `source` are typed fields of `Source`; `settings` are typed settings by option: paths that one may have, the first
+    that the data set knows counts, and the value.
+
+    Raises:
+        ConfigError: the file cannot be read, or holds what is no setting or no value of one.
+        DatasetError: no data set is named, or it does not use a setting.
+    """
+    where = "the settings" if path is None else str(path)
+    given = {} if path is None else _read(path)
+    given.pop(_PROGRAM, None)  # who wrote it changes nothing
+    known = given.pop(_SETTINGS, {})
+    dataset = source.get("dataset", given.get("dataset"))
+    if dataset is None:
+        raise DatasetError("no data set: --dataset must name one, or a --config file that does")
+    lidar = dataset in LIDAR_DATASETS
+    defaults: MappingConfig | LidarMappingConfig = LidarMappingConfig() if lidar else MappingConfig()
+    merged = _merged(asdict(defaults), known, f"{where}: {_SETTINGS}", f" of data set '{dataset}'")
+    for option, (paths, value) in settings.items():
+        if not any(_put(merged, way.split("."), value) for way in paths):
+            raise DatasetError(
+                f"data set '{dataset}' does not use {option}; its settings are {', '.join(merged)} (--config)"
+            )
+    blank = {field.name: None for field in fields(Source)} | {"categories": ()}
+    place = _merged(blank, given, where) | dict(source)
+    return MapRun(_built(Source, place, where), _built(type(defaults), merged, f"{where}: {_SETTINGS}"))
+
+
+def _read(path: Path) -> dict[str, Any]:
+    try:
+        document = json.loads(path.read_text(encoding="utf-8"), parse_constant=refuse_constant)
+    except (OSError, ValueError, RecursionError) as error:
+        raise ConfigError(f"{path}: not a readable JSON file ({error})") from error
+    if not isinstance(document, dict):
+        raise ConfigError(
+            f"{path}: holds a {type(document).__name__} where an object of settings was expected"
+        )
+    return _with_tuples(document)
+
+
+def _with_tuples(value: Any) -> Any:
+    """JSON has lists where settings have tuples."""
+    if isinstance(value, dict):
+        return {name: _with_tuples(item) for name, item in value.items()}
+    return tuple(map(_with_tuples, value)) if isinstance(value, list) else value
+
+
+def _merged(default: Mapping[str, Any], given: Any, where: str, of: str = "") -> dict[str, Any]:
+    """The default with what is given; a part that is given in part keeps the rest of its own default."""
+    if not isinstance(given, Mapping):
+        raise ConfigError(f"{where}: an object of settings was expected, not {json.dumps(given)}")
+    if unknown := sorted(set(given) - set(default)):
+        raise ConfigError(f"{where}: no setting {', '.join(unknown)}{of}; there are {', '.join(default)}")
+    inner = {
+        name
+        for name, value in given.items()
+        if isinstance(value, Mapping) and isinstance(default[name], Mapping)
+    }
+    deeper = {name: _merged(default[name], given[name], f"{where}.{name}", of) for name in inner}
+    return {**default, **given, **deeper}
+
+
+def _put(settings: dict[str, Any], path: list[str], value: Any) -> bool:
+    """Set what lies at a path; False where there is no such setting."""
+    *folders, name = path
+    for folder in folders:
+        settings = settings.get(folder, {})
+    if name not in settings:
+        return False
+    settings[name] = value
+    return True
+
+
+def _built(kind: type[T], document: Mapping[str, Any], where: str) -> T:
+    hooks = {float: _as_float, int: _as_int, Path: _as_path}
+    try:
+        return dacite.from_dict(kind, document, dacite.Config(strict=True, type_hooks=hooks))
+    except dacite.WrongTypeError as error:
+        value = f", not {json.dumps(error.value)}" if isinstance(error.value, _JSON) else ""
+        raise ConfigError(f"{where}: {error.field_path} must be {_words(error.field_type)}{value}") from error
+    except (dacite.DaciteError, ValueError) as error:  # of its type, and yet a value that none may have
+        raise ConfigError(f"{where}: {error}") from error
+
+
+def _as_float(value: Any) -> Any:
+    """JSON writes 3.0 as 3."""
+    return float(value) if isinstance(value, int) and not isinstance(value, bool) else value
+
+
+def _as_int(value: Any) -> Any:
+    if isinstance(value, bool):  # which Python takes for a number
+        raise dacite.WrongTypeError(int, value)
+    return value
+
+
+def _as_path(value: Any) -> Any:
+    return Path(value) if isinstance(value, str) else value
+
+
+def _words(kind: Any) -> str:
+    return kind.__name__ if isinstance(kind, type) else str(kind).replace("typing.", "")

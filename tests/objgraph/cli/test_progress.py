@@ -1,0 +1,58 @@
+"""Without a terminal long work is told in lines; on one it is a bar."""
+
+import io
+from itertools import count
+
+import pytest
+from rich.console import Console
+
+from objgraph.cli.progress import progress
+
+
+@pytest.fixture
+def lines(monkeypatch):
+    """What is printed of steps that take a second each."""
+    clock = count()
+    monkeypatch.setattr("objgraph.cli.progress.time.perf_counter", lambda: float(next(clock)))
+
+    def printed(steps: list[tuple[str, int, int]]) -> list[str]:
+        file = io.StringIO()
+        with progress(Console(file=file, width=40)) as tell:
+            for step in steps:
+                tell(*step)
+        return file.getvalue().splitlines()
+
+    return printed
+
+
+def test_one_line_an_object_as_it_is_done(lines):
+    steps = [("mapping chair 1", 0, 2), ("mapped chair 1", 1, 2)]
+    steps += [("mapping [red] 2", 1, 2), ("failed [red] 2", 2, 2), ("mapped", 2, 2)]
+    assert lines(steps) == ["mapped chair 1: 1 of 2, 1.0 s", "failed [red] 2: 2 of 2, 1.0 s"]
+
+
+def test_many_small_steps_are_told_at_first_at_last_and_now_and_then(lines):
+    steps = [("reading frames", i + 1, 100) for i in range(100)]
+    assert lines(steps) == [
+        "reading frames: 1 of 100, 1.0 s",
+        "reading frames: 31 of 100, 31.0 s",
+        "reading frames: 61 of 100, 61.0 s",
+        "reading frames: 91 of 100, 91.0 s",
+        "reading frames: 100 of 100, 100.0 s",
+    ]
+
+
+def test_on_a_terminal_it_is_a_bar():
+    file = io.StringIO()
+    console = Console(file=file, width=80, force_terminal=True)
+    with progress(console) as tell:
+        tell("mapped chair 1", 1, 2)
+    assert "━" in file.getvalue()
+    assert "1 of 2" not in file.getvalue()
+
+
+def test_a_mistake_that_is_found_first_is_told_alone():
+    file = io.StringIO()
+    with progress(Console(file=file, force_terminal=True)):
+        pass
+    assert file.getvalue() == ""
