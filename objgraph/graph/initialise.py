@@ -51,7 +51,10 @@ class InitialisationConfig:
 
 
 def first_states(
-    prior: ShapePrior, views: Sequence[ObjectView], builder: ObjectBuilder, config: InitialisationConfig
+    prior: ShapePrior,
+    views: Sequence[ObjectView],
+    builder: ObjectBuilder,
+    config: InitialisationConfig | None = None,
 ) -> tuple[list[ObjectState], list[SingleObject]]:
     """Where an object may be by its views at known cameras, the likeliest first, and the problems solved to find out.
 
@@ -59,6 +62,7 @@ def first_states(
         ObservationError: it is not known which way is up.
         InitialisationError: there are too few points, or no guess can be solved.
     """
+    config = config or InitialisationConfig()
     if builder.up_world is None:
         raise ObservationError("to place an object by its views, say which way is up (up_world=...)")
     states = guesses(prior, views, builder.up_world, builder.floor, config)

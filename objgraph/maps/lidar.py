@@ -13,7 +13,7 @@ from objgraph.estimate.heading_modes import QuarterTurnsConfig
 from objgraph.estimate.task import Estimate, EstimationTask
 from objgraph.graph.builder import GraphConfig
 from objgraph.graph.solve import SolverConfig
-from objgraph.maps.entry import found, map_entry
+from objgraph.maps.entry import map_entry
 from objgraph.maps.lidar_task import ROADS, LidarTaskConfig, task_of
 from objgraph.maps.mapped_object import MappedObject
 from objgraph.maps.object_map import ObjectMap
@@ -85,8 +85,7 @@ def _entry(
         if isinstance(result, SolveError):
             raise result
         instance = Instance(detection.id, detection.category)
-        estimate = found(result, task.name)
-        entry = map_entry(instance, task.prior, estimate, task.views, config.mesh_resolution)
+        entry = map_entry(instance, task.prior, result, task.views, config.mesh_resolution)
         return replace(entry, estimator="graph")
     except ObjectGraphError as error:
         return _failed(detection, error)

@@ -16,11 +16,11 @@ from objgraph.errors import InitialisationError, ObjectGraphError, ObservationEr
 from objgraph.estimate import AdamConfig, AdamEstimator
 from objgraph.estimate.graph import GraphEstimator
 from objgraph.estimate.heading_modes import QuarterTurnsConfig
-from objgraph.estimate.task import EstimationTask, Estimator
+from objgraph.estimate.task import Estimate, EstimationTask, Estimator
 from objgraph.graph.builder import GraphConfig, ObjectBuilder
 from objgraph.graph.initialise import InitialisationConfig, first_states
 from objgraph.graph.solve import SolverConfig
-from objgraph.maps.entry import Found, found, map_entry
+from objgraph.maps.entry import map_entry
 from objgraph.maps.mapped_object import MappedObject
 from objgraph.maps.object_map import ObjectMap
 from objgraph.maps.other_estimate import OtherEstimate
@@ -170,11 +170,11 @@ def _estimators(config: MappingConfig) -> list[Estimator]:
     return {"graph": [graph], "adam": [adam], "both": [graph, adam]}[config.estimator]
 
 
-def _estimated(estimator: Estimator, task: EstimationTask) -> Found:
+def _estimated(estimator: Estimator, task: EstimationTask) -> Estimate:
     (result,) = estimator.estimate([task])
     if isinstance(result, SolveError):
         raise result
-    return found(result, task.name)
+    return result
 
 
 def _beside(estimator: Estimator, task: EstimationTask) -> OtherEstimate | None:
@@ -185,6 +185,7 @@ def _beside(estimator: Estimator, task: EstimationTask) -> OtherEstimate | None:
         log.warning("only one estimator succeeded: %s", error)
         return None
     state, covariance = estimate.state, estimate.covariance
+    assert covariance is not None  # both that a map can take give one
     return OtherEstimate(
         covariance.source,
         state.T_world_object.matrix(),
