@@ -28,6 +28,7 @@ from objgraph.datasets.files import (
     usable_poses,
 )
 from objgraph.errors import DatasetError
+from objgraph.geometry.frames import transformed
 from objgraph.observation.frames import Frame, Instance, Intrinsics, Scan
 
 log = logging.getLogger(__name__)
@@ -145,7 +146,7 @@ def _masks(
     """
     v, u = np.nonzero(depth > 0)
     p_camera = intrinsics.backproject(u, v) * depth[v, u, None]
-    p_world = p_camera @ T_world_camera[:3, :3].T + T_world_camera[:3, 3]
+    p_world = transformed(T_world_camera, p_camera)
     candidates = p_world @ up_world > lowest
     v, u, p_world = v[candidates], u[candidates], p_world[candidates]
     ids = np.zeros(len(p_world), dtype=np.int32)

@@ -7,6 +7,7 @@ import trimesh
 from jaxtyping import Float
 
 from objgraph.errors import DatasetError
+from objgraph.geometry.frames import transformed
 from objgraph.synthetic.furniture import FAMILIES, Category, Furniture, make_furniture
 
 _SEAT_TRIES = 400
@@ -44,14 +45,14 @@ class PlacedFurniture:
     @property
     def p_world(self) -> Float[np.ndarray, "v 3"]:
         p_metric = self.scale * self.piece.mesh.vertices
-        return p_metric @ self.T_world_object[:3, :3].T + self.T_world_object[:3, 3]
+        return transformed(self.T_world_object, p_metric)
 
     @property
     def footprint(self) -> Float[np.ndarray, "4 2"]:
         """Corners of the oriented box, seen from above, widened by the gap kept to others."""
         half = self.scale * self.piece.mesh.extents / 2 + _GAP_M / 2
         corners = np.array([[x, 0.0, z] for x, z in ((-1, -1), (1, -1), (1, 1), (-1, 1))]) * half
-        return (corners @ self.T_world_object[:3, :3].T + self.T_world_object[:3, 3])[:, :2]
+        return transformed(self.T_world_object, corners)[:, :2]
 
 
 def furnish(config: RoomConfig, rng: np.random.Generator) -> list[PlacedFurniture]:

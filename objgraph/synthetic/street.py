@@ -18,6 +18,7 @@ from jaxtyping import Float
 from matplotlib.colors import hsv_to_rgb
 
 from objgraph.atomic_folder import ensure_whole
+from objgraph.geometry.frames import transformed
 from objgraph.observation.lidar.kitti_box import KittiBox
 from objgraph.training.families import FAMILIES
 
@@ -120,7 +121,7 @@ def _cars(road: Float[np.ndarray, "3"], count: int, rng: np.random.Generator) ->
         mesh = FAMILIES["car"][str(rng.choice(_KINDS))](rng)
         p_object = (mesh.vertices - mesh.bounds.mean(axis=0)) / mesh.extents * box.size
         T = box.T_rect_object
-        p_rect = p_object @ T[:3, :3].T + T[:3, 3]
+        p_rect = transformed(T, p_object)
         cars.append(_Car(dataclasses.replace(box, image_box=_image_box(p_rect)), p_rect, mesh.faces))
     return cars
 

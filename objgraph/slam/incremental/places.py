@@ -32,9 +32,9 @@ class Places(Generic[T]):
         """What is nearer than `distance` (metres) to one of `points`, by name."""
         if not self._points:
             return []
-        if self._tree is None:  # something has moved since the last question
-            self._tree = cKDTree(np.stack([*self._points.values()]))
+        tree = self._tree or cKDTree(np.stack([*self._points.values()]))
+        self._tree = tree  # until something moves
         # a ball holds its surface, what is asked for is nearer
-        within = self._tree.query_ball_point(points, np.nextafter(distance, 0.0))
+        within = tree.query_ball_point(points, np.nextafter(distance, 0.0))
         names = [*self._points]
         return [self._things[name] for name in sorted({names[i] for found in within for i in found})]
