@@ -13,11 +13,10 @@ with f(n) = n / (1 + r^2 n): next to nothing where noise is small against r, and
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import gtsam
 import numpy as np
-import open3d as o3d
 from jaxtyping import Bool, Float
 
 from factors.state import RIGID_DOF
@@ -29,6 +28,9 @@ from objgraph.estimate.heading_modes import QuarterTurnsConfig
 from objgraph.graph.builder import GraphConfig
 from objgraph.observation.frames import Intrinsics
 from objgraph.observation.sampling import SamplingConfig, SensorNoise, patch_shares
+
+if TYPE_CHECKING:
+    import open3d as o3d
 
 Criterion = Literal["corners", "pose", "information", "surface"]
 _FACTORS = 2.0
@@ -123,7 +125,9 @@ def next_views(
     return sorted(found, key=lambda view: -view.total(criterion))
 
 
-def _scene(meshes: Sequence[tuple[np.ndarray, np.ndarray]]) -> o3d.t.geometry.RaycastingScene:
+def _scene(meshes: Sequence[tuple[np.ndarray, np.ndarray]]) -> "o3d.t.geometry.RaycastingScene":
+    import open3d as o3d  # slow to import, and not needed for the types above
+
     scene = o3d.t.geometry.RaycastingScene()
     for vertices, faces in meshes:
         scene.add_triangles(np.asarray(vertices, np.float32), np.asarray(faces, np.uint32))
@@ -131,7 +135,7 @@ def _scene(meshes: Sequence[tuple[np.ndarray, np.ndarray]]) -> o3d.t.geometry.Ra
 
 
 def known_precision(
-    known: KnownObject, scene: o3d.t.geometry.RaycastingScene, config: ViewConfig
+    known: KnownObject, scene: "o3d.t.geometry.RaycastingScene", config: ViewConfig
 ) -> Float[np.ndarray, "m"]:
     """Sum of the sensor's precisions, 1 / m^2, with which the views so far have measured each of the object's points.
 
@@ -168,7 +172,7 @@ def divergence(
     surface: SurfaceSample,
     distance: Float[np.ndarray, "m"],
     T_world_camera: gtsam.Pose3,
-    scene: o3d.t.geometry.RaycastingScene,
+    scene: "o3d.t.geometry.RaycastingScene",
     config: ViewConfig,
 ) -> float:
     """Cost that a view of this surface is expected to put on one at these distances from its points: half squared distances,
@@ -193,7 +197,7 @@ def _shares(
 def visible(
     known: SurfaceSample,
     T_world_camera: gtsam.Pose3,
-    scene: o3d.t.geometry.RaycastingScene,
+    scene: "o3d.t.geometry.RaycastingScene",
     config: ViewConfig,
 ) -> Bool[np.ndarray, "m"]:
     """Which of the object's points face the camera, lie in its picture and range, and are hidden by nothing."""
@@ -209,6 +213,8 @@ def visible(
     if seen.any():
         eye = np.broadcast_to(T_world_camera.translation(), sight[seen].shape)
         rays = np.concatenate([eye, sight[seen] / distance[seen, None]], axis=1).astype(np.float32)
+        import open3d as o3d  # as in _scene
+
         first = scene.cast_rays(o3d.core.Tensor(rays))["t_hit"].numpy()
         seen[seen] = first > distance[seen] - _HIDDEN
     return seen
@@ -220,8 +226,8 @@ class _Judge:
     def __init__(
         self,
         known: KnownObject,
-        scene: o3d.t.geometry.RaycastingScene,
-        turned: Sequence[o3d.t.geometry.RaycastingScene],
+        scene: "o3d.t.geometry.RaycastingScene",
+        turned: "Sequence[o3d.t.geometry.RaycastingScene]",
         config: ViewConfig,
     ) -> None:
         """`turned` are the scenes in which the object stands in its other headings."""
@@ -262,7 +268,7 @@ class _Judge:
         return self.risk - risk(self.known.probability, self.known.others, nats)
 
     def _apart(
-        self, other: OtherHeading, camera: gtsam.Pose3, scene: o3d.t.geometry.RaycastingScene
+        self, other: OtherHeading, camera: gtsam.Pose3, scene: "o3d.t.geometry.RaycastingScene"
     ) -> float:
         """Cost between the object as it was found and turned, the mean of both views of it."""
         own = divergence(self.known, other.of_own, camera, self.scene, self.config)

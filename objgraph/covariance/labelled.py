@@ -8,9 +8,9 @@ import numpy as np
 from jaxtyping import Float
 from rich.markup import escape
 from rich.table import Table
-from scipy.stats import chi2
 
 from factors.state import RIGID_DOF
+from objgraph.covariance.quantile import squared_limit
 from objgraph.errors import CovarianceError
 
 POSE_AXES = (
@@ -91,7 +91,7 @@ class LabelledCovariance:
         if not 0 < probability < 1:
             raise CovarianceError(f"an ellipsoid holds a share between 0 and 1, not {probability}")
         values, vectors = np.linalg.eigh(self.matrix)
-        radius = np.sqrt(chi2.ppf(probability, len(values)) * np.maximum(values, 0.0))
+        radius = np.sqrt(squared_limit(probability, len(values)) * np.maximum(values, 0.0))
         return vectors[:, ::-1], radius[::-1]
 
     def table(self) -> Table:
