@@ -113,13 +113,6 @@ def summarize(
     return ViewIndex(views, config)
 
 
-def select_views(
-    frames: FrameSource, instance_id: int, count: int, config: ViewConfig | None = None
-) -> list[int]:
-    """The rule of `ViewIndex.select` for one instance; for several, `summarize` once and select from that."""
-    return summarize(frames, config).select(instance_id, count)
-
-
 def _summarize_frame(index: int, frame: Frame, config: ViewConfig) -> list[tuple[int, InstanceView]]:
     """What a frame sees of each instance of which it has pixels with depth."""
     depth, masks = frame.depth, frame.instances
