@@ -30,7 +30,7 @@ from rich.progress import track
 
 from factors.state import ObjectState
 from objgraph.active.cameras import reachable, sphere
-from objgraph.active.next_view import Criterion, ViewConfig, ViewGain, next_views
+from objgraph.active.next_view import Criterion, NextViewConfig, ViewGain, next_views
 from objgraph.active.target import KnownObject, known_object
 from objgraph.bench.comparison.calibration import RIGHT_MODE_DEG
 from objgraph.bench.metrics.box_error import box_error, corners_m
@@ -162,7 +162,7 @@ def subject(case: Case, arguments: Arguments) -> Subject:
 
 
 def ranked(known: KnownObject, cameras: list[gtsam.Pose3], criterion: Criterion) -> list[ViewGain]:
-    return next_views([known], cameras, ViewConfig(intrinsics()), criterion=criterion)
+    return next_views([known], cameras, NextViewConfig(intrinsics()), criterion=criterion)
 
 
 def realised(before: Estimate, after: Estimate) -> float:

@@ -44,7 +44,7 @@ _HIDDEN = 0.02
 
 
 @dataclass(frozen=True)
-class ViewConfig:
+class NextViewConfig:
     """The camera to be moved, and how its measurements will be weighed."""
 
     intrinsics: Intrinsics = field(default_factory=lambda: Intrinsics(525.0, 525.0, 319.5, 239.5, 640, 480))
@@ -94,7 +94,7 @@ class ViewGain:
 def next_views(
     objects: Sequence[KnownObject],
     cameras: Sequence[gtsam.Pose3],
-    config: ViewConfig | None = None,
+    config: NextViewConfig | None = None,
     *,
     criterion: Criterion = "corners",
     others: Sequence[tuple[np.ndarray, np.ndarray]] = (),
@@ -109,7 +109,7 @@ def next_views(
     """
     if not objects or not cameras:
         raise ActiveVisionError(f"{len(objects)} objects and {len(cameras)} cameras: both must be some")
-    config = config or ViewConfig()
+    config = config or NextViewConfig()
     meshes = [(known.vertices, known.faces) for known in objects]
     scene = _scene([*meshes, *others])
     gains: list[dict[str, ObjectGain]] = [{} for _ in cameras]
@@ -135,7 +135,7 @@ def _scene(meshes: Sequence[tuple[np.ndarray, np.ndarray]]) -> "o3d.t.geometry.R
 
 
 def known_precision(
-    known: KnownObject, scene: "o3d.t.geometry.RaycastingScene", config: ViewConfig
+    known: KnownObject, scene: "o3d.t.geometry.RaycastingScene", config: NextViewConfig
 ) -> Float[np.ndarray, "m"]:
     """Sum of the sensor's precisions, 1 / m^2, with which the views so far have measured each of the object's points.
 
@@ -152,7 +152,7 @@ def expected_information(
     known: KnownObject,
     T_world_camera: gtsam.Pose3,
     seen: Bool[np.ndarray, "m"],
-    config: ViewConfig,
+    config: NextViewConfig,
     precision: Float[np.ndarray, "m"] | None = None,
 ) -> Float[np.ndarray, "d d"]:
     """What a view that sees these points is expected to add to the object's information matrix.
@@ -173,7 +173,7 @@ def divergence(
     distance: Float[np.ndarray, "m"],
     T_world_camera: gtsam.Pose3,
     scene: "o3d.t.geometry.RaycastingScene",
-    config: ViewConfig,
+    config: NextViewConfig,
 ) -> float:
     """Cost that a view of this surface is expected to put on one at these distances from its points: half squared distances,
     as the factors' scores nearly are while they are small."""
@@ -186,7 +186,7 @@ def divergence(
 
 
 def _shares(
-    surface: SurfaceSample, T_world_camera: gtsam.Pose3, seen: Bool[np.ndarray, "m"], config: ViewConfig
+    surface: SurfaceSample, T_world_camera: gtsam.Pose3, seen: Bool[np.ndarray, "m"], config: NextViewConfig
 ) -> tuple[Float[np.ndarray, "s"], Float[np.ndarray, "s"]]:
     """What each point that is seen counts for, and its depth."""
     p_camera = _in_camera(surface.points[seen], T_world_camera)
@@ -198,7 +198,7 @@ def visible(
     known: SurfaceSample,
     T_world_camera: gtsam.Pose3,
     scene: "o3d.t.geometry.RaycastingScene",
-    config: ViewConfig,
+    config: NextViewConfig,
 ) -> Bool[np.ndarray, "m"]:
     """Which of the object's points face the camera, lie in its picture and range, and are hidden by nothing."""
     p_camera = _in_camera(known.points, T_world_camera)
@@ -228,7 +228,7 @@ class _Judge:
         known: KnownObject,
         scene: "o3d.t.geometry.RaycastingScene",
         turned: "Sequence[o3d.t.geometry.RaycastingScene]",
-        config: ViewConfig,
+        config: NextViewConfig,
     ) -> None:
         """`turned` are the scenes in which the object stands in its other headings."""
         self.known, self.scene, self.turned, self.config = known, scene, turned, config

@@ -13,7 +13,7 @@ from rich.table import Table
 
 from objgraph.active.cameras import sphere
 from objgraph.active.from_map import known_objects
-from objgraph.active.next_view import Criterion, ViewConfig, ViewGain, next_views
+from objgraph.active.next_view import Criterion, NextViewConfig, ViewGain, next_views
 from objgraph.active.target import KnownObject
 from objgraph.datasets.trajectory import read_tum
 from objgraph.maps.object_map import ObjectMap
@@ -73,7 +73,7 @@ def run_next_view(command: NextViewCommand, console: Console) -> list[ViewGain]:
     camera = Intrinsics(command.focal, command.focal, (width - 1) / 2, (height - 1) / 2, width, height)
     with console.status(f"looking at {len(known)} objects"):
         views = next_views(
-            known, _candidates(command, known, object_map), ViewConfig(camera),
+            known, _candidates(command, known, object_map), NextViewConfig(camera),
             criterion=command.criterion, others=others,
         )  # fmt: skip
     console.print(_table(views[: command.top], command.criterion))

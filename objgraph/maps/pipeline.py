@@ -27,7 +27,7 @@ from objgraph.maps.other_estimate import OtherEstimate
 from objgraph.observation.floor import estimate_floor
 from objgraph.observation.frames import FrameSource, Instance, Scan
 from objgraph.observation.sampling import ObjectView, SamplingConfig, observe
-from objgraph.observation.view_selection import ViewConfig, ViewIndex, summarize
+from objgraph.observation.view_selection import ViewIndex, ViewSelectionConfig, summarize
 from objgraph.priors.registry import prior_for
 from objgraph.priors.shape_prior import ShapePrior
 from objgraph.priors.store import load_prior_file
@@ -50,7 +50,7 @@ class MappingConfig:
     """Cells along an edge of the canonical cube."""
     priors: tuple[str, ...] = ()
     """Your own priors, .safetensors files: each serves its category in place of the shipped one."""
-    view: ViewConfig = field(default_factory=ViewConfig)
+    view: ViewSelectionConfig = field(default_factory=ViewSelectionConfig)
     sampling: SamplingConfig = field(default_factory=SamplingConfig)
     initialisation: InitialisationConfig = field(default_factory=InitialisationConfig)
     graph: GraphConfig = field(default_factory=GraphConfig)

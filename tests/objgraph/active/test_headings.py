@@ -14,7 +14,7 @@ from objgraph.active import headings
 from objgraph.active.cameras import looking_at, sphere
 from objgraph.active.headings import OtherHeading, risk
 from objgraph.active.next_view import (
-    ViewConfig,
+    NextViewConfig,
     divergence,
     expected_information,
     next_views,
@@ -30,7 +30,7 @@ from tests.objgraph.active.test_next_view import scene_of
 from tests.toys import INTRINSICS, toy_prior, toy_state
 
 UP = np.array([0.0, 0.0, 1.0])
-CONFIG = ViewConfig(INTRINSICS)
+CONFIG = NextViewConfig(INTRINSICS)
 COVARIANCE = ObjectCovariance.diagonal(np.square(np.linspace(0.01, 0.05, 13)), "marginals", "chair")
 
 

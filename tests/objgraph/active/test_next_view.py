@@ -16,7 +16,7 @@ from factors.state import ObjectState
 from objgraph.active.cameras import looking_at, reachable, sphere
 from objgraph.active.from_map import known_objects
 from objgraph.active.next_view import (
-    ViewConfig,
+    NextViewConfig,
     expected_information,
     known_precision,
     next_views,
@@ -34,7 +34,7 @@ from objgraph.show.next_view import sphere_picture
 from tests.toys import INTRINSICS, toy_frame, toy_mesh, toy_picture, toy_prior, toy_state
 
 UP = np.array([0.0, 0.0, 1.0])
-CONFIG = ViewConfig(INTRINSICS)
+CONFIG = NextViewConfig(INTRINSICS)
 SAMPLING = SamplingConfig(points=200, hits=100, free=100)
 D = 13
 

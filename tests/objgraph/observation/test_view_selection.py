@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from objgraph.datasets import load_scan
 from objgraph.errors import ObservationError
 from objgraph.observation.frames import Frame, FrameSource, Intrinsics
-from objgraph.observation.view_selection import InstanceView, ViewConfig, ViewIndex, summarize
+from objgraph.observation.view_selection import InstanceView, ViewIndex, ViewSelectionConfig, summarize
 
 CAMERA = Intrinsics(60, 60, 31.5, 23.5, 64, 48)
 
@@ -49,7 +49,7 @@ def _view(frame, pixels=2000.0, cut=0.0, voxels=(1,), angle=0.0):
 
 
 def _select(views, count, config=None):
-    return ViewIndex({1: views}, config or ViewConfig()).select(1, count)
+    return ViewIndex({1: views}, config or ViewSelectionConfig()).select(1, count)
 
 
 def test_what_a_frame_sees_is_summarised():
