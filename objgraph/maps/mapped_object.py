@@ -150,7 +150,7 @@ class MappedObject:
 
     @property
     def other_headings(self) -> Turns | None:
-        """`turns` and `turned`, for `box_pose` and `known_object`."""
+        """`turns` and `turned`, for `box_pose` and active vision's `target`."""
         if self.turns is None:
             return None
         if self.turned is None:

@@ -20,7 +20,7 @@ from objgraph.active.next_view import (
     next_views,
     visible,
 )
-from objgraph.active.target import KnownObject, known_object
+from objgraph.active.target import Target, target
 from objgraph.covariance.heading_modes import Turns
 from objgraph.covariance.labelled import ObjectCovariance
 from objgraph.covariance.surface import metric_sdf_jacobian
@@ -40,11 +40,11 @@ def turned(state: ObjectState, angle: float) -> ObjectState:
 
 
 @pytest.fixture(scope="module")
-def doubtful() -> KnownObject:
+def doubtful() -> Target:
     """A toy chair that stands as it was found or, as likely, the other way round."""
     state = toy_state()
     turns = Turns(np.array([0.495, 0.01, 0.495, 0.0]), (state, state, turned(state, np.pi), None))
-    return known_object("chair", toy_prior(), state, COVARIANCE, turns=turns)
+    return target("chair", toy_prior(), state, COVARIANCE, turns=turns)
 
 
 def corners_of(state: ObjectState, p_object: np.ndarray) -> np.ndarray:
@@ -103,7 +103,7 @@ def test_a_heading_without_a_surface_is_not_asked_about(monkeypatch):
 
     monkeypatch.setattr(headings, "sample_surface", sample)
     turns = Turns(np.array([0.5, 0.0, 0.5, 0.0]), (state, None, turned(state, np.pi), None))
-    found = known_object("chair", toy_prior(), state, COVARIANCE, turns=turns)
+    found = target("chair", toy_prior(), state, COVARIANCE, turns=turns)
     assert found.others == ()
 
 
