@@ -24,7 +24,7 @@ from objgraph.active.headings import OtherHeading, risk
 from objgraph.active.surface_sample import SurfaceSample
 from objgraph.active.target import Target
 from objgraph.errors import ActiveVisionError
-from objgraph.estimate.heading_modes import QuarterTurnsConfig
+from objgraph.estimate.heading_modes import HeadingModesConfig
 from objgraph.graph.builder import GraphConfig
 from objgraph.observation.frames import Intrinsics
 from objgraph.observation.sampling import SamplingConfig, SensorNoise, patch_shares
@@ -56,8 +56,8 @@ class NextViewConfig:
     """As `SamplingConfig.patch`."""
     evidence: float = GraphConfig.evidence
     """As `GraphConfig.evidence`."""
-    temperature: float = QuarterTurnsConfig.temperature
-    """As `QuarterTurnsConfig.temperature`: so much cost between two headings is believed as one nat."""
+    temperature: float = HeadingModesConfig.temperature
+    """As `HeadingModesConfig.temperature`: so much cost between two headings is believed as one nat."""
     min_share: float = 0.1
     """Of an object's surface that must be seen for the view to be one of it."""
 

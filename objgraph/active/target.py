@@ -10,7 +10,7 @@ from jaxtyping import Float
 from factors.state import RIGID_DOF, ObjectState
 from objgraph.active.headings import OtherHeading, other_headings
 from objgraph.active.surface_sample import SurfaceSample, sample_surface
-from objgraph.covariance.heading_modes import Turns
+from objgraph.covariance.heading_modes import HeadingModes
 from objgraph.covariance.labelled import ObjectCovariance
 from objgraph.covariance.surface import metric_sdf_jacobian
 from objgraph.errors import ActiveVisionError
@@ -56,7 +56,7 @@ def target(
     covariance: ObjectCovariance,
     *,
     seen_from: Sequence[gtsam.Pose3] = (),
-    turns: Turns | None = None,
+    turns: HeadingModes | None = None,
     points: int = 600,
     resolution: int = 48,
     seed: int = 0,

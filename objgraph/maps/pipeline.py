@@ -15,7 +15,7 @@ from jaxtyping import Float
 from objgraph.errors import InitialisationError, ObjectGraphError, ObservationError, SolveError
 from objgraph.estimate import AdamConfig, AdamEstimator
 from objgraph.estimate.graph import GraphEstimator
-from objgraph.estimate.heading_modes import QuarterTurnsConfig
+from objgraph.estimate.heading_modes import HeadingModesConfig
 from objgraph.estimate.task import EstimationTask, Estimator
 from objgraph.graph.builder import GraphConfig, ObjectBuilder
 from objgraph.graph.initialise import InitialisationConfig, first_states
@@ -55,7 +55,7 @@ class MappingConfig:
     initialisation: InitialisationConfig = field(default_factory=InitialisationConfig)
     graph: GraphConfig = field(default_factory=GraphConfig)
     solver: SolverConfig = field(default_factory=SolverConfig)
-    turns: QuarterTurnsConfig | None = field(default_factory=QuarterTurnsConfig)
+    heading_modes: HeadingModesConfig | None = field(default_factory=HeadingModesConfig)
     """The search for other headings; None takes the one that was found as the only one."""
     estimator: Literal["graph", "adam", "both"] = "graph"
     """Who estimates: the factor graph, the paper's gradient descent, or both; of both, the map takes the graph's
@@ -166,7 +166,8 @@ def map_object(
 
 def _estimators(config: MappingConfig) -> list[Estimator]:
     """The one whose estimate the map takes, then the one that stands beside it."""
-    graph, adam = GraphEstimator(config.graph, config.solver, config.turns), AdamEstimator(config.adam)
+    graph = GraphEstimator(config.graph, config.solver, config.heading_modes)
+    adam = AdamEstimator(config.adam)
     return {"graph": [graph], "adam": [adam], "both": [graph, adam]}[config.estimator]
 
 

@@ -94,8 +94,8 @@ def _flat(value: Any, name: str = "") -> dict[str, Any]:
 def settings_of(value: Any) -> Any:
     """Settings as JSON values; of an object that holds nothing its class."""
     if is_dataclass(value) and not isinstance(value, type):
-        items = {item.name: settings_of(getattr(value, item.name)) for item in fields(value)}
-        return {"class": type(value).__qualname__, **items}
+        items = {_noted_as(item.name): settings_of(getattr(value, item.name)) for item in fields(value)}
+        return {"class": _noted_as(type(value).__qualname__), **items}
     if isinstance(value, Mapping):
         return {str(key): settings_of(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
@@ -106,3 +106,8 @@ def settings_of(value: Any) -> Any:
         return value.tolist()
     held = settings_of(vars(value)) if hasattr(value, "__dict__") and not isinstance(value, type) else {}
     return {"class": getattr(value, "__qualname__", type(value).__qualname__), **held}
+
+
+def _noted_as(name: str) -> str:
+    """A setting's name or class as rows have it that were made before it was renamed: their digests stay good."""
+    return {"heading_modes": "turns", "HeadingModesConfig": "QuarterTurnsConfig"}.get(name, name)

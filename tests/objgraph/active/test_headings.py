@@ -21,7 +21,7 @@ from objgraph.active.next_view import (
     visible,
 )
 from objgraph.active.target import Target, target
-from objgraph.covariance.heading_modes import Turns
+from objgraph.covariance.heading_modes import HeadingModes
 from objgraph.covariance.labelled import ObjectCovariance
 from objgraph.covariance.surface import metric_sdf_jacobian
 from objgraph.errors import SolveError
@@ -43,7 +43,7 @@ def turned(state: ObjectState, angle: float) -> ObjectState:
 def doubtful() -> Target:
     """A toy chair that stands as it was found or, as likely, the other way round."""
     state = toy_state()
-    turns = Turns(np.array([0.495, 0.01, 0.495, 0.0]), (state, state, turned(state, np.pi), None))
+    turns = HeadingModes(np.array([0.495, 0.01, 0.495, 0.0]), (state, state, turned(state, np.pi), None))
     return target("chair", toy_prior(), state, COVARIANCE, turns=turns)
 
 
@@ -102,7 +102,7 @@ def test_a_heading_without_a_surface_is_not_asked_about(monkeypatch):
         return sampled(prior, at, *settings)
 
     monkeypatch.setattr(headings, "sample_surface", sample)
-    turns = Turns(np.array([0.5, 0.0, 0.5, 0.0]), (state, None, turned(state, np.pi), None))
+    turns = HeadingModes(np.array([0.5, 0.0, 0.5, 0.0]), (state, None, turned(state, np.pi), None))
     found = target("chair", toy_prior(), state, COVARIANCE, turns=turns)
     assert found.others == ()
 

@@ -15,6 +15,7 @@ from objgraph.bench.comparison.measure import Job, measure
 from objgraph.bench.comparison.methods import METHODS, Method
 from objgraph.bench.comparison.rows import ObjectRow
 from objgraph.errors import EvaluationError
+from objgraph.estimate.graph import GraphEstimator
 from objgraph.priors.misfit import BoxMisfit
 from tests.objgraph.bench.comparison_fakes import (
     FAST,
@@ -317,3 +318,10 @@ def test_what_cannot_be_compared_is_a_typed_error(tmp_path):
     with pytest.raises(EvaluationError, match="two objects are called chair-1"):
         compare(replace(toy_comparison(tmp_path), source=twice))
     assert comparing.SETTINGS not in [path.name for path in tmp_path.rglob("*")]
+
+
+def test_a_renamed_setting_is_noted_as_in_rows_from_before():
+    noted = comparison_config.settings_of(GraphEstimator())
+    assert noted["class"] == "GraphEstimator"
+    assert noted["turns"]["class"] == "QuarterTurnsConfig"
+    assert "heading_modes" not in noted

@@ -14,7 +14,7 @@ from scipy.stats import chi2
 from factors.state import ObjectState
 from objgraph.bench.metrics.maps import ERROR_KEYS, evaluate_map
 from objgraph.covariance.box import box_pose
-from objgraph.covariance.heading_modes import Turns
+from objgraph.covariance.heading_modes import HeadingModes
 from objgraph.covariance.labelled import ObjectCovariance
 from objgraph.covariance.surface import surface_sigma
 from objgraph.datasets.ground_truth import AnnotatedScan, GroundTruth
@@ -351,7 +351,7 @@ def test_the_box_has_the_calibrated_covariance_or_none():
     state, misfit = toy_state(1.0), BoxMisfit(0.03, 0.4, 0.1, marginals=1.5, view_cost=40.0)
     prior = replace(toy_prior(), box_misfit=misfit)
     covariance = ObjectCovariance.diagonal(np.full(13, 1e-4), "marginals")
-    turns = Turns(np.array([0.7, 0.0, 0.3, 0.0]))
+    turns = HeadingModes(np.array([0.7, 0.0, 0.3, 0.0]))
     estimate = Found(state, covariance, 2.0, 1.0, 1, 1, view_cost=60.0, turns=turns)
     views = [observe(toy_frame([state], 0.3), 1, CONFIG.sampling)]
     found = map_entry(Instance(3, "chair"), prior, estimate, views, 24)
