@@ -82,10 +82,6 @@ class LabelledCovariance:
         """All variances and covariances multiplied."""
         return replace(self, matrix=factor * self.matrix)
 
-    def squared_distance(self, error: Float[np.ndarray, "d"]) -> float:
-        """Squared Mahalanobis length of an error; its mean over honest estimates is the number of axes."""
-        return float(error @ np.linalg.solve(self.matrix, error))
-
     def ellipsoid(self, probability: float = 0.95) -> tuple[Float[np.ndarray, "d d"], Float[np.ndarray, "d"]]:
         """Unit directions (columns), the longest first, and half axes of the ellipsoid that holds this share."""
         if not 0 < probability < 1:
