@@ -30,8 +30,8 @@ from rich.progress import track
 
 from factors.state import ObjectState
 from objgraph.active.cameras import reachable, sphere
-from objgraph.active.next_view import Criterion, ViewConfig, ViewGain, next_views
-from objgraph.active.target import KnownObject, known_object
+from objgraph.active.next_view import Criterion, NextViewConfig, ViewGain, next_views
+from objgraph.active.target import Target, target
 from objgraph.bench.comparison.calibration import RIGHT_MODE_DEG
 from objgraph.bench.metrics.box_error import box_error, corners_m
 from objgraph.bench.metrics.metrics import evaluate_object
@@ -126,10 +126,10 @@ class Subject:
             raise result
         return result
 
-    def known(self, estimate: Estimate, views: Sequence[ObjectView]) -> KnownObject:
+    def known(self, estimate: Estimate, views: Sequence[ObjectView]) -> Target:
         assert estimate.covariance is not None
         seen_from = [view.T_world_camera for view in views]
-        return known_object(
+        return target(
             self.case.id, self.prior, estimate.state, estimate.covariance,
             seen_from=seen_from, turns=estimate.turns,
         )  # fmt: skip
@@ -161,8 +161,8 @@ def subject(case: Case, arguments: Arguments) -> Subject:
     return Subject(case, world, prior, floor, [held[i] for i in chosen], view)
 
 
-def ranked(known: KnownObject, cameras: list[gtsam.Pose3], criterion: Criterion) -> list[ViewGain]:
-    return next_views([known], cameras, ViewConfig(intrinsics()), criterion=criterion)
+def ranked(known: Target, cameras: list[gtsam.Pose3], criterion: Criterion) -> list[ViewGain]:
+    return next_views([known], cameras, NextViewConfig(intrinsics()), criterion=criterion)
 
 
 def realised(before: Estimate, after: Estimate) -> float:

@@ -74,7 +74,9 @@ def cars_are_mapped(out: Path) -> None:
     truths = [label.box for label in load_labels(root, frame.name) if label.type == "Car"]
     mapped = ObjectMap.load(out).mapped
     assert len(mapped) == len(frame.detections) == 5
-    found = [OrientedBox.about(e.vertices, e.state.T_world_object.rotation().matrix()) for e in mapped]
+    found = [
+        OrientedBox.about(np.asarray(e.vertices), e.state.T_world_object.rotation().matrix()) for e in mapped
+    ]
     at_first = [each.box for each in frame.detections]
     iou, before = (
         np.mean([max(box_iou(box, truth) for truth in truths) for box in boxes])

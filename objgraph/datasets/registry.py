@@ -9,7 +9,6 @@ from objgraph.datasets import folder, kitti, sample, scannet, sevenscenes, tum
 from objgraph.errors import DatasetError
 from objgraph.observation.frames import Scan
 from objgraph.observation.lidar.frame import LidarFrame
-from objgraph.synthetic.street import ensure_street
 
 
 class Load(Protocol):
@@ -81,6 +80,8 @@ def load_lidar_frame(dataset: str, root: Path, frame: str | None = None) -> Lida
         DatasetError: there is no such data set or frame, or a file is missing or damaged.
     """
     if dataset == "street":
+        from objgraph.synthetic.street import ensure_street  # renders, with open3d: slow to import
+
         root = ensure_street(Path(root))
         return kitti.load_frame(root, frame or kitti.frames(root)[0])
     if dataset == "kitti":

@@ -7,8 +7,6 @@ import numpy as np
 
 from objgraph.datasets import scannet
 from objgraph.datasets.ground_truth import AnnotatedScan
-from objgraph.synthetic.camera import CameraConfig
-from objgraph.synthetic.sample import SampleConfig, ensure_sample
 
 
 def load(
@@ -18,13 +16,20 @@ def load(
 
     `frames` are those of the whole walk, `laps` how often it goes about the room; by default a walk past it.
     """
+    return scannet.load(_folder(root, frames, laps) / "scannet", scene)
+
+
+def scenes(root: Path) -> list[str]:
+    return scannet.scenes(_folder(root) / "scannet")
+
+
+def _folder(root: Path, frames: int | None = None, laps: float | None = None) -> Path:
+    # renders, with open3d: slow to import
+    from objgraph.synthetic.sample import CameraConfig, SampleConfig, ensure_sample
+
     camera = CameraConfig()
     if frames is not None:
         camera = replace(camera, frames=frames)
     if laps is not None:
         camera = replace(camera, sweep_rad=2 * np.pi * laps)
-    return scannet.load(ensure_sample(root, SampleConfig(camera=camera)) / "scannet", scene)
-
-
-def scenes(root: Path) -> list[str]:
-    return scannet.scenes(ensure_sample(root) / "scannet")
+    return ensure_sample(root, SampleConfig(camera=camera))

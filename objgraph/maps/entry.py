@@ -7,7 +7,7 @@ from jaxtyping import Float
 
 from factors.state import ObjectState
 from objgraph.covariance.box import BoxPose, box_pose
-from objgraph.covariance.heading_modes import Turns
+from objgraph.covariance.heading_modes import HeadingModes
 from objgraph.covariance.labelled import ObjectCovariance
 from objgraph.covariance.surface import surface_sigma
 from objgraph.errors import SolveError
@@ -84,7 +84,7 @@ def _calibrated_box(
     )
 
 
-def _turned(state: ObjectState, turns: Turns) -> Float[np.ndarray, "4 9+l"] | None:
+def _turned(state: ObjectState, turns: HeadingModes) -> Float[np.ndarray, "4 9+l"] | None:
     """As the map has them."""
     if not turns.states:
         return None

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from objgraph.errors import ObjectGraphError, SolveError
 from objgraph.estimate.graph import GraphEstimator
-from objgraph.estimate.heading_modes import QuarterTurnsConfig
+from objgraph.estimate.heading_modes import HeadingModesConfig
 from objgraph.estimate.task import Estimate, EstimationTask
 from objgraph.graph.builder import GraphConfig
 from objgraph.graph.solve import SolverConfig
@@ -38,7 +38,7 @@ class LidarMappingConfig:
     task: LidarTaskConfig = field(default_factory=LidarTaskConfig)
     graph: GraphConfig = ROADS
     solver: SolverConfig = field(default_factory=SolverConfig)
-    turns: QuarterTurnsConfig | None = field(default_factory=QuarterTurnsConfig)
+    heading_modes: HeadingModesConfig | None = field(default_factory=HeadingModesConfig)
     """The search for other headings, where no detector said how the object stands."""
 
 
@@ -65,7 +65,7 @@ def map_lidar(
             tasks[detection.id] = task_of(frame, detection, prior, config.task, config.seed)
         except ObjectGraphError as error:
             entries[detection.id] = _failed(detection, error)
-    estimator = GraphEstimator(config.graph, config.solver, config.turns)
+    estimator = GraphEstimator(config.graph, config.solver, config.heading_modes)
     results = estimator.estimate(list(tasks.values()), lambda done, total: tell("solving", done, total))
     for done, ((number, task), result) in enumerate(zip(tasks.items(), results, strict=True), 1):
         entries[number] = _entry(frame.detection(number), task, result, config)

@@ -15,7 +15,7 @@ from jaxtyping import Float
 from objgraph.errors import InitialisationError, ObjectGraphError, ObservationError, SolveError
 from objgraph.estimate import AdamConfig, AdamEstimator
 from objgraph.estimate.graph import GraphEstimator
-from objgraph.estimate.heading_modes import QuarterTurnsConfig
+from objgraph.estimate.heading_modes import HeadingModesConfig
 from objgraph.estimate.task import Estimate, EstimationTask, Estimator
 from objgraph.geometry.frames import transformed
 from objgraph.graph.builder import GraphConfig, ObjectBuilder
@@ -28,7 +28,7 @@ from objgraph.maps.other_estimate import OtherEstimate
 from objgraph.observation.floor import estimate_floor
 from objgraph.observation.frames import FrameSource, Instance, Scan
 from objgraph.observation.sampling import ObjectView, SamplingConfig, observe
-from objgraph.observation.view_selection import ViewConfig, ViewIndex, summarize
+from objgraph.observation.view_selection import ViewIndex, ViewSelectionConfig, summarize
 from objgraph.priors.registry import prior_for
 from objgraph.priors.shape_prior import ShapePrior
 from objgraph.priors.store import load_prior_file
@@ -51,12 +51,12 @@ class MappingConfig:
     """Cells along an edge of the canonical cube."""
     priors: tuple[str, ...] = ()
     """Your own priors, .safetensors files: each serves its category in place of the shipped one."""
-    view: ViewConfig = field(default_factory=ViewConfig)
+    view: ViewSelectionConfig = field(default_factory=ViewSelectionConfig)
     sampling: SamplingConfig = field(default_factory=SamplingConfig)
     initialisation: InitialisationConfig = field(default_factory=InitialisationConfig)
     graph: GraphConfig = field(default_factory=GraphConfig)
     solver: SolverConfig = field(default_factory=SolverConfig)
-    turns: QuarterTurnsConfig | None = field(default_factory=QuarterTurnsConfig)
+    heading_modes: HeadingModesConfig | None = field(default_factory=HeadingModesConfig)
     """The search for other headings; None takes the one that was found as the only one."""
     estimator: Literal["graph", "adam", "both"] = "graph"
     """Who estimates: the factor graph, the paper's gradient descent, or both; of both, the map takes the graph's
@@ -167,7 +167,8 @@ def map_object(
 
 def _estimators(config: MappingConfig) -> list[Estimator]:
     """The one whose estimate the map takes, then the one that stands beside it."""
-    graph, adam = GraphEstimator(config.graph, config.solver, config.turns), AdamEstimator(config.adam)
+    graph = GraphEstimator(config.graph, config.solver, config.heading_modes)
+    adam = AdamEstimator(config.adam)
     return {"graph": [graph], "adam": [adam], "both": [graph, adam]}[config.estimator]
 
 

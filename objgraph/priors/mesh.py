@@ -8,7 +8,6 @@ import numpy as np
 import torch
 import trimesh
 from jaxtyping import Bool, Float, Int
-from skimage import measure
 
 from factors.sdf_decoder import SdfDecoder
 from objgraph.errors import SolveError
@@ -189,6 +188,8 @@ def _closed_at_border(grid: Float[np.ndarray, "g g g"]) -> Float[np.ndarray, "g 
 
 def _marching_cubes(grid: Float[np.ndarray, "g g g"], bound: float) -> trimesh.Trimesh:
     h = 2 * bound / (len(grid) - 1)
+    from skimage import measure  # slow to import, and of use only here
+
     vertices, faces, _, _ = measure.marching_cubes(grid, 0.0, spacing=(h, h, h), gradient_direction="descent")
     return trimesh.Trimesh(vertices.astype(float) - bound, faces, process=True)
 

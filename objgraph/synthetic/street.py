@@ -17,7 +17,7 @@ import trimesh
 from jaxtyping import Float
 from matplotlib.colors import hsv_to_rgb
 
-from objgraph.atomic_folder import ensure_whole
+from objgraph.atomic_folder import ensure_folder
 from objgraph.geometry.frames import transformed
 from objgraph.observation.lidar.kitti_box import KittiBox
 from objgraph.training.families import FAMILIES
@@ -74,7 +74,7 @@ def ensure_street(cache: Path, config: StreetConfig = _DEFAULT) -> Path:
     """The root of the street under `cache`, generated when it is not there yet."""
     record = json.dumps([_VERSION, dataclasses.asdict(config)], sort_keys=True)
     root = cache / f"street-{hashlib.sha256(record.encode()).hexdigest()[:12]}"
-    return ensure_whole(root, _RECORD, lambda folder: _write(folder, config))
+    return ensure_folder(root, _RECORD, lambda folder: _write(folder, config))
 
 
 def _write(root: Path, config: StreetConfig) -> None:

@@ -14,14 +14,14 @@ from objgraph.active import headings
 from objgraph.active.cameras import looking_at, sphere
 from objgraph.active.headings import OtherHeading, risk
 from objgraph.active.next_view import (
-    ViewConfig,
+    NextViewConfig,
     divergence,
     expected_information,
     next_views,
     visible,
 )
-from objgraph.active.target import KnownObject, known_object
-from objgraph.covariance.heading_modes import Turns
+from objgraph.active.target import Target, target
+from objgraph.covariance.heading_modes import HeadingModes
 from objgraph.covariance.labelled import ObjectCovariance
 from objgraph.covariance.surface import metric_sdf_jacobian
 from objgraph.errors import SolveError
@@ -30,7 +30,7 @@ from tests.objgraph.active.test_next_view import scene_of
 from tests.toys import INTRINSICS, toy_prior, toy_state
 
 UP = np.array([0.0, 0.0, 1.0])
-CONFIG = ViewConfig(INTRINSICS)
+CONFIG = NextViewConfig(INTRINSICS)
 COVARIANCE = ObjectCovariance.diagonal(np.square(np.linspace(0.01, 0.05, 13)), "marginals", "chair")
 
 
@@ -40,11 +40,11 @@ def turned(state: ObjectState, angle: float) -> ObjectState:
 
 
 @pytest.fixture(scope="module")
-def doubtful() -> KnownObject:
+def doubtful() -> Target:
     """A toy chair that stands as it was found or, as likely, the other way round."""
     state = toy_state()
-    turns = Turns(np.array([0.495, 0.01, 0.495, 0.0]), (state, state, turned(state, np.pi), None))
-    return known_object("chair", toy_prior(), state, COVARIANCE, turns=turns)
+    turns = HeadingModes(np.array([0.495, 0.01, 0.495, 0.0]), (state, state, turned(state, np.pi), None))
+    return target("chair", toy_prior(), state, COVARIANCE, turns=turns)
 
 
 def corners_of(state: ObjectState, p_object: np.ndarray) -> np.ndarray:
@@ -102,8 +102,8 @@ def test_a_heading_without_a_surface_is_not_asked_about(monkeypatch):
         return sampled(prior, at, *settings)
 
     monkeypatch.setattr(headings, "sample_surface", sample)
-    turns = Turns(np.array([0.5, 0.0, 0.5, 0.0]), (state, None, turned(state, np.pi), None))
-    found = known_object("chair", toy_prior(), state, COVARIANCE, turns=turns)
+    turns = HeadingModes(np.array([0.5, 0.0, 0.5, 0.0]), (state, None, turned(state, np.pi), None))
+    found = target("chair", toy_prior(), state, COVARIANCE, turns=turns)
     assert found.others == ()
 
 
