@@ -25,7 +25,7 @@ API = (
     "objgraph.slam.incremental.object_graph",
     "objgraph.slam.incremental.own_smoother",
 )
-"""Modules for callers, besides the names in `objgraph.__all__` and all of `API_FOLDERS`."""
+"""Modules for callers, besides the names in `objgraph.__all__` (not `show`, which draws) and all of `API_FOLDERS`."""
 API_FOLDERS = ("covariance", "observation", "priors")
 SLOW = ("matplotlib", "open3d", "scipy.stats", "skimage", "transformers")
 CORE = (
@@ -63,7 +63,7 @@ def note(what):
         if name in sys.modules:
             loaded.setdefault(name, what)
 
-for name in objgraph.__all__:
+for name in set(objgraph.__all__) - {{"show"}}:
     getattr(objgraph, name)
     note(name)
 for module in {[*API, *found]}:
