@@ -8,6 +8,7 @@ from jaxtyping import Float, Int
 from numpy.typing import ArrayLike
 
 from objgraph.geometry.frames import perpendicular
+from objgraph.geometry.meshes import signed_volume
 
 Point = Sequence[float]
 
@@ -86,7 +87,7 @@ def oval(half_x: float, half_z: float, bottom: float, top: float, power: float =
 def join(parts: Sequence[trimesh.Trimesh]) -> trimesh.Trimesh:
     """One mesh of all parts, each with its normals outwards; parts may overlap."""
     for part in parts:
-        if part.volume < 0:
+        if signed_volume(part) < 0:
             part.invert()
     offsets = np.cumsum([0] + [len(part.vertices) for part in parts])
     faces = [part.faces + offset for part, offset in zip(parts, offsets, strict=False)]
