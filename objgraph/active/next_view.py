@@ -27,7 +27,7 @@ from objgraph.errors import ActiveVisionError
 from objgraph.estimate.heading_modes import HeadingModesConfig
 from objgraph.graph.builder import GraphConfig
 from objgraph.observation.frames import Intrinsics
-from objgraph.observation.sampling import SamplingConfig, SensorNoise, patch_shares
+from objgraph.observation.sampling import SamplingConfig, SensorNoise, independent_shares
 
 if TYPE_CHECKING:
     import open3d as o3d
@@ -52,10 +52,10 @@ class NextViewConfig:
     near: float = 0.3
     """Depths closer than this are not measured, metres."""
     far: float = 5.0
-    patch: float = SamplingConfig.patch
-    """As `SamplingConfig.patch`."""
-    evidence: float = GraphConfig.evidence
-    """As `GraphConfig.evidence`."""
+    correlation_length: float = SamplingConfig.correlation_length
+    """As `SamplingConfig.correlation_length`."""
+    effective_count: float = GraphConfig.effective_count
+    """As `GraphConfig.effective_count`."""
     temperature: float = HeadingModesConfig.temperature
     """As `HeadingModesConfig.temperature`: so much cost between two headings is believed as one nat."""
     min_share: float = 0.1
@@ -190,7 +190,9 @@ def _shares(
 ) -> tuple[Float[np.ndarray, "s"], Float[np.ndarray, "s"]]:
     """What each point that is seen counts for, and its depth."""
     p_camera = _in_camera(surface.points[seen], T_world_camera)
-    share = np.minimum(1.0, config.evidence * patch_shares(p_camera, config.patch, most=0.25))
+    share = np.minimum(
+        1.0, config.effective_count * independent_shares(p_camera, config.correlation_length, most=0.25)
+    )
     return share, p_camera[:, 2]
 
 

@@ -38,8 +38,8 @@ class LidarSamplingConfig:
     """Rays that pass the object's returns by more than this say little of it, metres at its distance."""
     beam: float = 0.0015
     """Radians by which a beam's direction is uncertain: its width."""
-    patch: float = 0.2
-    """Metres: surface closer than this errs together, so each such patch is one independent measurement."""
+    correlation_length: float = 0.2
+    """Metres: surface closer than this errs together, so each cube of that size is one independent measurement."""
     noise: SensorNoise = field(default_factory=lambda: SensorNoise(base=0.02, quadratic=0.0))
 
 
@@ -88,7 +88,7 @@ def observe_lidar(
         points,
         config.noise(np.linalg.norm(points, axis=1)),
         _rays(points, beside, config),
-        config.patch,
+        config.correlation_length,
     )
 
 

@@ -25,7 +25,7 @@ from objgraph.covariance.heading_modes import HeadingModes
 from objgraph.covariance.labelled import ObjectCovariance
 from objgraph.covariance.surface import metric_sdf_jacobian
 from objgraph.errors import SolveError
-from objgraph.observation.sampling import patch_shares
+from objgraph.observation.sampling import independent_shares
 from tests.objgraph.active.test_next_view import scene_of
 from tests.toys import INTRINSICS, toy_prior, toy_state
 
@@ -129,10 +129,12 @@ def test_the_divergence_is_that_of_the_points_seen(doubtful):
     scene = scene_of((doubtful.vertices, doubtful.faces))
     total, seen = 0.0, np.flatnonzero(visible(doubtful, camera, scene, CONFIG))
     p_camera = np.array([camera.transformTo(doubtful.points[i]) for i in seen])
-    for i, p, share in zip(seen, p_camera, patch_shares(p_camera, CONFIG.patch, most=0.25), strict=True):
+    for i, p, share in zip(
+        seen, p_camera, independent_shares(p_camera, CONFIG.correlation_length, most=0.25), strict=True
+    ):
         sigma = np.hypot(CONFIG.noise(p[2:])[0], doubtful.residual[i])
         # of N(0, sigma) from N(of_own, sigma), no more than three sigma off; twice, for two factors
-        total += 2 * min(1.0, CONFIG.evidence * share) * min((other.of_own[i] / sigma) ** 2, 9.0) / 2
+        total += 2 * min(1.0, CONFIG.effective_count * share) * min((other.of_own[i] / sigma) ** 2, 9.0) / 2
     assert divergence(doubtful, other.of_own, camera, scene, CONFIG) == pytest.approx(total)
     assert divergence(doubtful, np.zeros(len(doubtful.points)), camera, scene, CONFIG) == 0.0
 

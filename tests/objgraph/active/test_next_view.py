@@ -29,7 +29,7 @@ from objgraph.errors import ActiveVisionError, MapError
 from objgraph.graph.builder import ObjectBuilder
 from objgraph.maps.mapped_object import MappedObject, PriorReference
 from objgraph.maps.object_map import ObjectMap
-from objgraph.observation.sampling import SamplingConfig, observe, patch_shares
+from objgraph.observation.sampling import SamplingConfig, independent_shares, observe
 from objgraph.show.next_view import sphere_picture
 from tests.toys import INTRINSICS, toy_frame, toy_mesh, toy_picture, toy_prior, toy_state
 
@@ -217,7 +217,9 @@ def test_views_share_what_the_decoder_cannot_make(chair):
 
     jacobian = known.jacobian[seen[2]]
     p_camera = np.array([third.transformTo(p) for p in known.points[seen[2]]])
-    share = np.minimum(1.0, CONFIG.evidence * patch_shares(p_camera, CONFIG.patch, most=0.25))
+    share = np.minimum(
+        1.0, CONFIG.effective_count * independent_shares(p_camera, CONFIG.correlation_length, most=0.25)
+    )
     more = np.array([told(i, [0, 1, 2]) - told(i, [0, 1]) for i in np.flatnonzero(seen[2]).tolist()])
     assert (seen[2] & seen[0] & seen[1]).any()
     assert (seen[2] & ~seen[0] & ~seen[1]).any()
