@@ -1,6 +1,5 @@
 """A comparison from objects to rows: what is done already is kept, the rest is run."""
 
-import json
 import logging
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -11,18 +10,18 @@ from typing import Any
 import numpy as np
 
 from objgraph.bench.comparison.cases import Case, CaseSource
-from objgraph.bench.comparison.config import ComparisonConfig, differences, digest, row_settings
+from objgraph.bench.comparison.config import ComparisonConfig, digest, row_settings
 from objgraph.bench.comparison.measure import Job
 from objgraph.bench.comparison.methods import method
 from objgraph.bench.comparison.rows import Key, ObjectRow, RowFile, csv_text, write_text
 from objgraph.bench.comparison.runner import run
+from objgraph.bench.comparison.settings import refuse_other_settings
 from objgraph.errors import EvaluationError
 
 log = logging.getLogger(__name__)
 
 ROWS = "objects.jsonl"
 CSV = "objects.csv"
-SETTINGS = "settings.json"
 
 Tell = Callable[[str, int, int], None]
 """(what is being done, done, of how many)."""
@@ -64,8 +63,8 @@ def compare(
     _check_cases(cases)
     settings = _settings(comparison, cases)
     with RowFile(comparison.out / ROWS, ObjectRow) as file:
-        _check_settings(file, settings, comparison.out)
-        jobs = _jobs(comparison, cases, settings, _done(file.rows, retry_failed), version)
+        refuse_other_settings(file, settings, lambda row: (row.method, row.category))
+        jobs = _jobs(comparison, cases, settings, file.done(retry_failed), version)
         total = len(cases) * len(comparison.views) * len(comparison.methods)
         done = total - sum(job.count for job in jobs)
         tell("estimating", done, total)
@@ -111,38 +110,6 @@ def _settings(comparison: Comparison, cases: Sequence[Case]) -> dict[tuple[str, 
         (name, category): row_settings(comparison.source, comparison.config, name, category)
         for name, category in product(comparison.methods, categories)
     }
-
-
-def _check_settings(
-    file: RowFile[ObjectRow], settings: Mapping[tuple[str, str], Mapping[str, Any]], out: Path
-) -> None:
-    """Refuse to mix, and note the settings beside the rows."""
-    path = out / SETTINGS
-    noted = _read_settings(path)
-    for row in file.rows:
-        now = settings.get((row.method, row.category))
-        if now is not None and row.settings != digest(now):
-            words = differences(noted.get(row.settings, {}), now) if row.settings in noted else ["not noted"]
-            raise EvaluationError(
-                f"{out} holds rows of '{row.method}' made with other settings or weights ({'; '.join(words)}): "
-                "give another --out, or delete that folder"
-            )
-    noted |= {digest(each): each for each in settings.values()}
-    write_text(json.dumps(noted, indent=1) + "\n", path)
-
-
-def _read_settings(path: Path) -> dict[str, Any]:
-    try:
-        return json.loads(path.read_text())
-    except FileNotFoundError:
-        return {}
-    except (OSError, ValueError) as error:
-        raise EvaluationError(f"{path} is damaged ({error}): delete it") from error
-
-
-def _done(rows: Sequence[ObjectRow], retry_failed: bool) -> set[Key]:
-    latest = {row.key: row for row in rows}
-    return {key for key, row in latest.items() if row.failure is None or not retry_failed}
 
 
 def _jobs(

@@ -8,14 +8,32 @@ import os
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Generic, Self, TypeVar
+from typing import Any, ClassVar, Generic, Protocol, Self, TypeVar
 
 from objgraph.errors import EvaluationError
 
-if TYPE_CHECKING:
-    from _typeshed import DataclassInstance
 
-R = TypeVar("R", bound="DataclassInstance")
+class Row(Protocol):
+    """What every comparison's rows have; they are dataclasses of JSON values."""
+
+    __dataclass_fields__: ClassVar[dict[str, Any]]
+
+    @property
+    def method(self) -> str: ...
+    @property
+    def settings(self) -> str:
+        """Digest of all settings and weights that the row depends on."""
+        ...
+
+    @property
+    def failure(self) -> str | None: ...
+    @property
+    def key(self) -> tuple:
+        """What the row is of; of several the last holds."""
+        ...
+
+
+R = TypeVar("R", bound=Row)
 Numbers = list[float] | None
 Matrix = list[list[float]] | None
 Key = tuple[str, str, int]
@@ -137,6 +155,11 @@ class RowFile(Generic[R]):
         self._file.write(json.dumps(asdict(row), allow_nan=False).encode() + b"\n")
         self._file.flush()
         self.rows.append(row)
+
+    def done(self, retry_failed: bool = False) -> set[tuple]:
+        """Keys of rows that need not be made again; of several of one key the last holds."""
+        latest = {row.key: row for row in self.rows}
+        return {key for key, row in latest.items() if row.failure is None or not retry_failed}
 
     def close(self) -> None:
         self._file.close()

@@ -15,6 +15,7 @@ from objgraph.bench.comparison.config import digest, find_prior, settings_of
 from objgraph.bench.comparison.methods import METHODS, method
 from objgraph.bench.comparison.rows import RowFile, plain
 from objgraph.bench.comparison.runner import run
+from objgraph.bench.comparison.settings import refuse_other_settings
 from objgraph.bench.metrics.placed import PlacedMesh
 from objgraph.covariance.box import box_pose
 from objgraph.datasets.kitti import CATEGORIES, detection_ids, frames, load_frame, load_labels
@@ -98,17 +99,12 @@ def compare_boxes(
         DatasetError: there are no frames, or one of those named does not exist.
     """
     tell = tell or (lambda what, done, total: None)
-    digests = {name: digest(row_settings(comparison, name)) for name in comparison.rows_of}
+    settings = {name: row_settings(comparison, name) for name in comparison.rows_of}
+    digests = {name: digest(each) for name, each in settings.items()}
     names = _frames(comparison)
     with RowFile(comparison.out / ROWS, BoxRow) as file:
-        for row in file.rows:
-            if row.method in digests and row.settings != digests[row.method]:
-                raise EvaluationError(
-                    f"{comparison.out} holds rows of '{row.method}' made with other settings or weights: give another "
-                    "--out, or delete that folder"
-                )
-        latest = {row.key: row for row in file.rows}
-        there = {key for key, row in latest.items() if row.failure is None or not retry_failed}
+        refuse_other_settings(file, settings, lambda row: row.method)
+        there = file.done(retry_failed)
         wanted = {name: detection_ids(comparison.root, name) for name in names}
         done = {
             (each, name)
