@@ -1,37 +1,42 @@
-"""Runs what is not done yet: in this process, each row as it comes, or in several, each job's rows at its end."""
+"""Runs what is not done yet, in this process or in several, and hands over rows as they come."""
 
 import logging
 import signal
-from collections import deque
 from collections.abc import Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
-from multiprocessing import get_context
+from contextlib import suppress
+from multiprocessing import active_children, get_context
 from typing import Protocol, TypeVar
 
 import torch
 
 from objgraph.errors import EvaluationError
 
-Row = TypeVar("Row", covariant=True)
+Row = TypeVar("Row")
+Made = TypeVar("Made", covariant=True)
 
 
-class Job(Protocol[Row]):
+class Job(Protocol[Made]):
     """Some of the work; it is sent to other processes, so it is small and can be pickled."""
 
     @property
-    def name(self) -> str: ...
+    def name(self) -> str:
+        """Its own among the jobs."""
+        ...
 
-    def rows(self) -> Iterator[Row]:
+    def rows(self) -> Iterator[Made]:
         """What comes of it, as it is done; whatever goes wrong is in the rows."""
         ...
 
 
 def run(jobs: Sequence[Job[Row]], processes: int = 1) -> Iterator[Row]:
-    """The rows of all jobs, in the order in which they are done; each process uses one thread.
+    """The rows of all jobs, as they are done; of several processes those of a job come together, at its end.
+
+    Each process uses one thread. Stopped (by Ctrl-C, or by closing this) it does not wait for what is in progress.
 
     Raises:
-        EvaluationError: a process died; the rows of jobs that were done are not lost.
+        EvaluationError: a process died; the rows of the jobs that were done by then have been handed over.
     """
     if processes > 1 and len(jobs) > 1:
         yield from _in_processes(jobs, min(processes, len(jobs)))
@@ -46,32 +51,39 @@ def run(jobs: Sequence[Job[Row]], processes: int = 1) -> Iterator[Row]:
 
 
 def _in_processes(jobs: Sequence[Job[Row]], count: int) -> Iterator[Row]:
-    waiting, doing = deque(jobs), dict[Future, str]()
-    with ProcessPoolExecutor(count, get_context("spawn"), _quiet) as pool:
-        while waiting or doing:
-            while waiting and len(doing) < count:  # no more than run, so that it is known what died
-                job = waiting.popleft()
-                doing[pool.submit(_rows, job)] = job.name
-            finished, _ = wait(doing, return_when=FIRST_COMPLETED)
-            for future in finished:
-                try:
-                    rows = future.result()
-                except BrokenProcessPool as error:
-                    names = " or ".join(doing.values())
-                    raise EvaluationError(
-                        f"the process that was at {names} died, perhaps for want of memory: the same command goes on "
-                        "from here, with fewer --jobs it needs less"
-                    ) from error
-                del doing[future]
-                yield from rows
+    others = set(active_children())
+    pool = ProcessPoolExecutor(count, get_context("spawn"), _begin)
+    left = {job.name: None for job in jobs}  # in the order in which the pool takes them
+    futures: dict[Future[list[Row]], str] = {}
+    try:
+        with suppress(BrokenProcessPool):  # told below, after the rows of what is done
+            for job in jobs:
+                futures[pool.submit(_rows, job)] = job.name
+        for future in as_completed(futures):
+            if not isinstance(future.exception(), BrokenProcessPool):
+                yield from future.result()
+                del left[futures[future]]
+        if left:
+            raise _died([*left][:count])
+    finally:
+        if left:
+            for worker in set(active_children()) - others:
+                worker.terminate()
+        pool.shutdown(cancel_futures=True)
 
 
-def _quiet() -> None:
-    """What matters of a process is in its rows; Ctrl-C ends it without a word."""
-    signal.signal(signal.SIGINT, signal.SIG_DFL)
-    logging.getLogger().setLevel(logging.ERROR)
+def _died(cases: Sequence[str]) -> EvaluationError:
+    return EvaluationError(
+        f"a process that was at {' or '.join(cases)} died, perhaps for want of memory: the same command goes on from "
+        "here, with fewer --jobs it needs less"
+    )
+
+
+def _begin() -> None:
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent sees to it
+    logging.getLogger().setLevel(logging.ERROR)  # what matters is in the rows
     torch.set_num_threads(1)
 
 
 def _rows(job: Job[Row]) -> list[Row]:
-    return [*job.rows()]
+    return list(job.rows())

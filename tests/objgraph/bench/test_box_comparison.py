@@ -164,7 +164,12 @@ def test_the_command_writes_table_three(street, tmp_path, capsys):
     assert rows["graph"]["mean_iou"] > rows["detections"]["mean_iou"] + 0.15
     assert rows["graph"]["n"] == rows["detections"]["n"] == document["detections"]["with_the_points"]
     folder = tmp_path / "figures_rows"
-    assert {path.name for path in folder.iterdir()} == {"boxes.jsonl", "settings.json", "tables.md", "iou.png"}
+    assert {path.name for path in folder.iterdir()} == {
+        "boxes.jsonl",
+        "settings.json",
+        "tables.md",
+        "iou.png",
+    }
     assert published.KITTI_WHERE in (folder / "tables.md").read_text()
 
 
