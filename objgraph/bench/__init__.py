@@ -1,0 +1,1 @@
+"""How well it all works, beside other methods."""

@@ -1,4 +1,4 @@
-"""The paper's estimator, and the Gauss-Newton of DSP-SLAM: both work on the same sampled terms."""
+"""Estimators: the graph, the paper's gradient descent, the Gauss-Newton of DSP-SLAM."""
 
 from objgraph.estimate.adam import AdamConfig, AdamEstimator
 from objgraph.estimate.gauss_newton import GaussNewtonConfig, GaussNewtonEstimator

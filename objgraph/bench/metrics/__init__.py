@@ -1,0 +1,1 @@
+"""Errors of an estimate against ground truth, as the paper measures them."""

@@ -1,0 +1,1 @@
+"""Objects of families that no prior knows, in rooms of their own."""
