@@ -7,6 +7,8 @@ import numpy as np
 from jaxtyping import Float
 
 from objgraph.errors import ActiveVisionError
+from objgraph.geometry.axes import level_axes
+from objgraph.geometry.transforms import look_at
 
 Reachable = Callable[[gtsam.Pose3], bool]
 """Says of T_world_camera whether a camera can be brought there."""
@@ -21,17 +23,9 @@ def looking_at(
     Raises:
         ActiveVisionError: the two are one point.
     """
-    forward = np.asarray(target, float) - eye
-    length = np.linalg.norm(forward)
-    if not length > 0:
+    if not np.linalg.norm(np.asarray(target, float) - eye) > 0:
         raise ActiveVisionError(f"a camera at {eye} cannot look at the point where it is")
-    forward = forward / length
-    right = np.cross(forward, up_world)
-    if np.linalg.norm(right) < 1e-6:  # straight up or down: any level direction is to the right
-        right = np.cross(forward, np.eye(3)[np.argmin(np.abs(forward))])
-    right = right / np.linalg.norm(right)
-    R = np.stack([right, np.cross(forward, right), forward], axis=1)
-    return gtsam.Pose3(gtsam.Rot3(R), np.asarray(eye, float))
+    return gtsam.Pose3(look_at(eye, target, up_world))
 
 
 def sphere(
@@ -52,9 +46,7 @@ def sphere(
             f"cameras on a sphere need a count ({count}), a radius ({radius}) and rising elevations ({elevations})"
         )
     up = np.asarray(up_world, float) / np.linalg.norm(up_world)
-    east = np.cross(up, np.eye(3)[np.argmin(np.abs(up))])
-    east = east / np.linalg.norm(east)
-    north = np.cross(up, east)
+    east, north = level_axes(up)
     steps = np.arange(count)
     # equal areas of the zone: the sine of the elevation rises evenly
     sine = np.sin(np.radians(low)) + (steps + 0.5) / count * (

@@ -6,6 +6,8 @@ import cv2
 import numpy as np
 from jaxtyping import Float
 
+from objgraph.geometry.axes import upright_axes
+
 
 @dataclass(frozen=True)
 class GravityBox:
@@ -43,14 +45,3 @@ def smallest_heading(points_world: Float[np.ndarray, "n 3"], up_world: Float[np.
     inside = level[((level >= low) & (level <= high)).all(axis=1)]
     # minAreaRect turns from x towards z; a positive heading turns x towards -z
     return -np.radians(cv2.minAreaRect(inside.astype(np.float32))[2])
-
-
-def upright_axes(up_world: Float[np.ndarray, "3"], heading: float) -> Float[np.ndarray, "3 3"]:
-    """Object axes in the world: y up, x at `heading` about it."""
-    up = np.asarray(up_world, float) / np.linalg.norm(up_world)
-    helper = np.eye(3)[np.argmin(np.abs(up))]
-    x0 = np.cross(up, helper)
-    x0 /= np.linalg.norm(x0)
-    z0 = np.cross(x0, up)
-    x = np.cos(heading) * x0 - np.sin(heading) * z0
-    return np.stack([x, up, np.cross(x, up)], axis=1)

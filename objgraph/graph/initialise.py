@@ -15,6 +15,7 @@ from jaxtyping import Float
 from factors.depth import RaySampling
 from factors.state import ObjectState
 from objgraph.errors import InitialisationError, ObservationError
+from objgraph.geometry.transforms import transform_points
 from objgraph.graph.builder import ObjectBuilder
 from objgraph.graph.initial_box import gravity_box, smallest_heading
 from objgraph.graph.single_object import SingleObject
@@ -122,9 +123,7 @@ def free_points(views: Sequence[ObjectView]) -> Float[np.ndarray, "m 3"]:
         rays = view.rays
         free = ~rays.hit & (rays.end > rays.depth)
         p_camera = rays.directions_camera[free] * rays.depth[free, None]
-        points.append(
-            p_camera @ view.T_world_camera.rotation().matrix().T + view.T_world_camera.translation()
-        )
+        points.append(transform_points(view.T_world_camera.matrix(), p_camera))
     return np.concatenate(points)
 
 

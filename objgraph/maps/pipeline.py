@@ -17,6 +17,7 @@ from objgraph.estimate import AdamConfig, AdamEstimator
 from objgraph.estimate.graph import GraphEstimator
 from objgraph.estimate.heading_modes import QuarterTurnsConfig
 from objgraph.estimate.task import EstimationTask, Estimator
+from objgraph.geometry.transforms import transform_points
 from objgraph.graph.builder import GraphConfig, ObjectBuilder
 from objgraph.graph.initialise import InitialisationConfig, first_states
 from objgraph.graph.solve import SolverConfig
@@ -229,8 +230,7 @@ def scene_points(
         some = rng.permutation(len(v))[:pixels]
         v, u = v[some], u[some]
         p_camera = frame.intrinsics.backproject(u, v) * frame.depth[v, u, None]
-        T = frame.T_world_camera
-        points.append(p_camera @ T[:3, :3].T + T[:3, 3])
+        points.append(transform_points(frame.T_world_camera, p_camera))
         if frame.color is not None:
             rows = np.minimum(v * frame.color.shape[0] // frame.intrinsics.height, frame.color.shape[0] - 1)
             columns = np.minimum(u * frame.color.shape[1] // frame.intrinsics.width, frame.color.shape[1] - 1)

@@ -8,6 +8,7 @@ from jaxtyping import Float
 
 from factors.rays import Rays
 from objgraph.errors import ObservationError
+from objgraph.geometry.transforms import transform_points
 from objgraph.observation.frames import Frame
 from objgraph.observation.masks import (
     check_mask,
@@ -78,9 +79,7 @@ class ObjectView:
 
     @property
     def points_world(self) -> Float[np.ndarray, "n 3"]:
-        return (
-            self.points_camera @ self.T_world_camera.rotation().matrix().T + self.T_world_camera.translation()
-        )
+        return transform_points(self.T_world_camera.matrix(), self.points_camera)
 
     @property
     def points_share(self) -> Float[np.ndarray, "n"]:

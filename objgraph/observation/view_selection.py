@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from objgraph.errors import ObservationError
+from objgraph.geometry.transforms import transform_points
 from objgraph.observation.frames import Frame, FrameSource
 
 _REFERENCE_PIXELS = 640 * 480
@@ -129,7 +130,7 @@ def _summarize_frame(index: int, frame: Frame, config: ViewConfig) -> list[tuple
     v, u = np.nonzero((depth > 0) & (depth < config.max_depth) & (masks > 0))
     p_camera = frame.intrinsics.backproject(u, v) * depth[v, u, None]
     T_world_camera = frame.T_world_camera
-    p_world = p_camera @ T_world_camera[:3, :3].T + T_world_camera[:3, 3]
+    p_world = transform_points(T_world_camera, p_camera)
     ids = masks[v, u]
     areas = np.bincount(masks[masks > 0])
     cuts = np.bincount(masks[_edge(depth.shape, config.border) & (masks > 0)], minlength=len(areas))

@@ -12,6 +12,7 @@ from skimage import measure
 
 from factors.sdf_decoder import SdfDecoder
 from objgraph.errors import SolveError
+from objgraph.geometry.transforms import transform_points
 
 _LOG = logging.getLogger(__name__)
 _BLOCKS = (8, 4, 2)
@@ -110,7 +111,7 @@ def to_world(
         raise SolveError(
             f"a mesh is placed by a 4x4 matrix and 3 positive scales, not by {T.shape} and {scale.tolist()}"
         )
-    vertices = (np.asarray(mesh.vertices) * scale) @ T[:3, :3].T + T[:3, 3]
+    vertices = transform_points(T, np.asarray(mesh.vertices) * scale)
     return trimesh.Trimesh(vertices, np.asarray(mesh.faces), process=False)
 
 

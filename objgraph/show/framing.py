@@ -3,8 +3,9 @@
 import numpy as np
 from jaxtyping import Float
 
+from objgraph.geometry.transforms import look_at
 from objgraph.observation.frames import Intrinsics
-from objgraph.show.raster import Camera, look_at
+from objgraph.show.raster import Camera
 from objgraph.show.summary import heading_zero
 
 _FIELD_OF_VIEW = np.radians(38)
@@ -45,11 +46,11 @@ def framing_camera(
     """The nearest camera, looking against `direction`, that has all points in the middle `fill` of its picture."""
     low, high = p_world.min(axis=0), p_world.max(axis=0)
     target = (low + high) / 2
-    axes = look_at(target + direction, target, up, intrinsics).T_world_camera[:3, :3]
+    axes = look_at(target + direction, target, up)[:3, :3]
     x, y, z = ((p_world - target) @ axes).T
     target = target + axes @ [(x.min() + x.max()) / 2, (y.min() + y.max()) / 2, 0.0]
     x, y = x - (x.min() + x.max()) / 2, y - (y.min() + y.max()) / 2
     half_width = fill * intrinsics.width / 2 / intrinsics.fx
     half_height = fill * intrinsics.height / 2 / intrinsics.fy
     distance = max(np.max(np.abs(x) / half_width - z), np.max(np.abs(y) / half_height - z), 0.3)
-    return look_at(target + distance * direction, target, up, intrinsics)
+    return Camera(intrinsics, look_at(target + distance * direction, target, up))

@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 
 from objgraph.active.next_view import Criterion, ViewGain
 from objgraph.active.target import KnownObject
+from objgraph.geometry.axes import level_axes
 from objgraph.maps.colors import sigma_colors, sigma_limit
 from objgraph.show.figure import finish
 
@@ -37,8 +38,7 @@ def sphere_picture(
     `sigma` (metres) is of `known.points`; `views` are ranked, the first is marked; so are those the estimate is made from.
     """
     up = np.asarray(up_world, float)
-    east = np.cross(up, np.eye(3)[np.argmin(np.abs(up))])
-    axes = np.stack([east / np.linalg.norm(east), np.cross(up, east / np.linalg.norm(east)), up])
+    axes = np.stack([*level_axes(up), up])
     figure = Figure(figsize=(11, 5.2), dpi=100)
     eyes = np.array([view.T_world_camera.translation() for view in views])
     gains = UNITS[criterion] * np.array([view.total(criterion) for view in views])

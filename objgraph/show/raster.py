@@ -7,6 +7,7 @@ import numpy as np
 import open3d as o3d
 from jaxtyping import Bool, Float, Int
 
+from objgraph.geometry.transforms import transform_points_back
 from objgraph.observation.frames import Intrinsics
 
 _AMBIENT = 0.5
@@ -44,28 +45,9 @@ class Layer:
     """z-depth in metres; infinite where nothing was drawn."""
 
 
-def look_at(
-    eye: Float[np.ndarray, "3"],
-    target: Float[np.ndarray, "3"],
-    up: Float[np.ndarray, "3"],
-    intrinsics: Intrinsics,
-) -> Camera:
-    """The camera at `eye` that looks at `target`, upright with respect to `up`; straight down is allowed."""
-    forward = (target - eye) / np.linalg.norm(target - eye)
-    right = np.cross(forward, up)
-    if np.linalg.norm(right) < 1e-6:
-        right = np.cross(forward, np.eye(3)[np.argmin(np.abs(forward))])
-    right = right / np.linalg.norm(right)
-    T = np.eye(4)
-    T[:3, :3] = np.stack([right, np.cross(forward, right), forward], axis=1)
-    T[:3, 3] = eye
-    return Camera(intrinsics, T)
-
-
 def project(camera: Camera, p_world: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
     """Pixel coordinates and z-depth (u, v, z); what is behind the camera has z <= 0 and no meaning in u, v."""
-    R, t = camera.T_world_camera[:3, :3], camera.T_world_camera[:3, 3]
-    p_camera = (p_world - t) @ R
+    p_camera = transform_points_back(camera.T_world_camera, p_world)
     safe = np.where(p_camera[:, 2:] > 1e-6, p_camera[:, 2:], 1.0)
     uv = camera.intrinsics.project(np.concatenate([p_camera[:, :2], safe], axis=1))
     return np.concatenate([uv, p_camera[:, 2:]], axis=1)

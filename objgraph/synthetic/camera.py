@@ -6,6 +6,8 @@ import numpy as np
 from jaxtyping import Float
 from scipy.ndimage import gaussian_filter1d
 
+from objgraph.geometry.transforms import look_at
+
 
 @dataclass(frozen=True)
 class CameraConfig:
@@ -46,7 +48,7 @@ def camera_path(
     eyes += _shake(n, config.jitter_m, rng)
     gaze = _wander(targets, n, rng) + _shake(n, config.jitter_m, rng)
     roll = _shake(n, 0.02, rng)[:, 0]
-    return [_look_at(eye, at, angle) for eye, at, angle in zip(eyes, gaze, roll, strict=True)]
+    return [_rolled(eye, at, angle) for eye, at, angle in zip(eyes, gaze, roll, strict=True)]
 
 
 def _wander(targets: Float[np.ndarray, "n 3"], frames: int, rng: np.random.Generator) -> np.ndarray:
@@ -61,13 +63,9 @@ def _shake(frames: int, sigma: float, rng: np.random.Generator) -> Float[np.ndar
     return sigma * gaussian_filter1d(rng.normal(size=(frames, 3)), 1.0, axis=0, mode="nearest") * 1.9
 
 
-def _look_at(eye: np.ndarray, at: np.ndarray, roll: float) -> Float[np.ndarray, "4 4"]:
-    forward = (at - eye) / np.linalg.norm(at - eye)
-    right = np.cross(forward, [0.0, 0.0, 1.0])
-    right /= np.linalg.norm(right)
-    down = np.cross(forward, right)
-    T = np.eye(4)
+def _rolled(eye: np.ndarray, at: np.ndarray, roll: float) -> Float[np.ndarray, "4 4"]:
+    T = look_at(eye, at, np.array([0.0, 0.0, 1.0]))
+    right, down = T[:3, 0].copy(), T[:3, 1].copy()
     T[:3, 0] = np.cos(roll) * right + np.sin(roll) * down
     T[:3, 1] = np.cos(roll) * down - np.sin(roll) * right
-    T[:3, 2], T[:3, 3] = forward, eye
     return T

@@ -7,6 +7,8 @@ import trimesh
 from jaxtyping import Float, Int
 from numpy.typing import ArrayLike
 
+from objgraph.geometry.axes import farthest_axis
+
 Point = Sequence[float]
 
 
@@ -32,7 +34,7 @@ def beam(path: ArrayLike, radii: ArrayLike, sections: int = 10) -> trimesh.Trime
     tangents = np.gradient(points, axis=0)
     tangents /= np.linalg.norm(tangents, axis=1, keepdims=True)
     angles = 2 * np.pi * (np.arange(sections) + 0.5) / sections
-    side = _perpendicular(tangents[0])
+    side = np.cross(tangents[0], farthest_axis(tangents[0]))
     rings = []
     for point, tangent, r in zip(points, tangents, radius, strict=True):
         # the last ring's axes, carried along without twisting
@@ -113,11 +115,6 @@ def _skin_faces(m: int, k: int) -> Int[np.ndarray, "f 3"]:
             np.column_stack([last, index[-1], following[-1]]),
         ]
     )
-
-
-def _perpendicular(direction: np.ndarray) -> np.ndarray:
-    axis = np.eye(3)[np.argmin(np.abs(direction))]
-    return np.cross(direction, axis)
 
 
 def _towards(corner: np.ndarray, other: np.ndarray, distance: float) -> np.ndarray:

@@ -18,6 +18,7 @@ from jaxtyping import Float
 from matplotlib.colors import hsv_to_rgb
 
 from objgraph.atomic_folder import ensure_whole
+from objgraph.geometry.transforms import transform_points
 from objgraph.observation.lidar.kitti_box import KittiBox
 from objgraph.training.families import FAMILIES
 
@@ -119,8 +120,7 @@ def _cars(road: Float[np.ndarray, "3"], count: int, rng: np.random.Generator) ->
         box = KittiBox("Car", 0.0, 0, np.zeros(4), height, width, length, bottom, yaw, None)
         mesh = FAMILIES["car"][str(rng.choice(_KINDS))](rng)
         p_object = (mesh.vertices - mesh.bounds.mean(axis=0)) / mesh.extents * box.size
-        T = box.T_rect_object
-        p_rect = p_object @ T[:3, :3].T + T[:3, 3]
+        p_rect = transform_points(box.T_rect_object, p_object)
         cars.append(_Car(dataclasses.replace(box, image_box=_image_box(p_rect)), p_rect, mesh.faces))
     return cars
 

@@ -10,6 +10,7 @@ from scipy import ndimage
 from scipy.spatial import cKDTree
 
 from objgraph.errors import PriorError
+from objgraph.geometry.axes import camera_axes
 from objgraph.training.solid import Solid
 
 _RADIUS = 0.5
@@ -112,9 +113,7 @@ def _directions(
     toward: Float[np.ndarray, "3"], distance: float, config: ViewConfig
 ) -> Float[np.ndarray, "h w 3"]:
     forward = -toward
-    right = np.cross(forward, [0.0, 1.0, 0.0])
-    right /= np.linalg.norm(right)
-    down = np.cross(forward, right)
+    right, down, _ = camera_axes(forward, np.array([0.0, 1.0, 0.0])).T
     step = 2 * np.tan(np.arcsin(_RADIUS / distance)) / config.height
     v, u = np.mgrid[: config.height, : config.width]
     x, y = (u - (config.width - 1) / 2) * step, (v - (config.height - 1) / 2) * step

@@ -9,6 +9,7 @@ from jaxtyping import Float, Int
 from objgraph.datasets.ground_truth import GroundTruth
 from objgraph.errors import EvaluationError
 from objgraph.geometry.boxes import OrientedBox
+from objgraph.geometry.transforms import transform_points
 
 _RIGID_TOLERANCE = 1e-4
 
@@ -43,7 +44,7 @@ class PlacedMesh:
     @cached_property
     def p_world(self) -> Float[np.ndarray, "v 3"]:
         """Vertices in the world frame, in metres."""
-        return self.p_metric @ self.T_world_object[:3, :3].T + self.T_world_object[:3, 3]
+        return transform_points(self.T_world_object, self.p_metric)
 
     @cached_property
     def bounds_metric(self) -> Float[np.ndarray, "2 3"]:

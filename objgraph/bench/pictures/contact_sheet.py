@@ -11,6 +11,7 @@ import tyro
 from jaxtyping import Float
 from PIL import Image
 
+from objgraph.geometry.transforms import look_at
 from objgraph.observation.frames import Intrinsics
 from objgraph.show import raster
 from objgraph.training.families import FAMILIES
@@ -50,7 +51,7 @@ def draw_mesh(
     size = cell * _OVERSAMPLING
     focal = _DISTANCE * size * 1.05
     intrinsics = Intrinsics(focal, focal, (size - 1) / 2, (size - 1) / 2, size, size)
-    camera = raster.look_at(eye, np.zeros(3), _UP, intrinsics)
+    camera = raster.Camera(intrinsics, look_at(eye, np.zeros(3), _UP))
     colors = np.tile(_COLOR, (len(mesh.vertices), 1))
     layer = raster.draw_surfaces(
         camera, [raster.Surface(np.asarray(mesh.vertices), np.asarray(mesh.faces), colors)]

@@ -11,8 +11,8 @@ from numpy.random import Generator
 
 from objgraph.bench.worlds.room import Room, draw_room
 from objgraph.errors import DatasetError
+from objgraph.geometry.transforms import look_at
 from objgraph.observation.frames import Intrinsics
-from objgraph.show.raster import look_at
 from objgraph.synthetic.camera import CameraConfig, camera_matrix
 from objgraph.synthetic.furniture import Furniture
 
@@ -166,7 +166,7 @@ class _Photographer:
         )
         if not can_hold(self.room, eye[:2]):
             return None
-        T = look_at(eye, aim, np.array([0.0, 0.0, 1.0]), intrinsics()).T_world_camera
+        T = look_at(eye, aim, np.array([0.0, 0.0, 1.0]))
         c, s = np.cos(roll), np.sin(roll)
         T[:3, :3] = T[:3, :3] @ np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
         return T if self.view.good(T) else None

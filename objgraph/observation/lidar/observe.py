@@ -9,6 +9,7 @@ from scipy.spatial import cKDTree
 
 from factors.rays import Rays
 from objgraph.errors import ObservationError
+from objgraph.geometry.transforms import transform_points
 from objgraph.observation.lidar.frame import Detection, LidarFrame
 from objgraph.observation.lidar.road import Road
 from objgraph.observation.masks import of_one_object
@@ -65,7 +66,7 @@ def observe_lidar(
     ahead = frame.p_lidar[:, 2] > 0.5
     p_lidar = frame.p_lidar[ahead & np.isfinite(frame.p_lidar).all(axis=1)]
     T = frame.T_world_lidar
-    p_world = p_lidar @ T[:3, :3].T + T[:3, 3]
+    p_world = transform_points(T, p_lidar)
     if (detection.T_world_object[:3, 3] - T[:3, 3]) @ T[:3, 2] < 0.5:
         raise ObservationError(f"{where}: the detected box is not ahead of the LiDAR; leave it out")
     ids = frame.picture.ids_at(p_world) if frame.picture is not None else np.full(len(p_world), -1)

@@ -6,6 +6,7 @@ import trimesh
 from PIL import Image
 
 from objgraph.errors import MapError
+from objgraph.geometry.transforms import look_at
 from objgraph.maps.mapped_object import MappedObject
 from objgraph.maps.object_map import ObjectMap
 from objgraph.show import figure, raster
@@ -23,7 +24,8 @@ def ball(radius=0.5, center=(0.0, 0.0, 0.0), color=RED) -> raster.Surface:
 
 
 def camera(distance=4.0) -> raster.Camera:
-    return raster.look_at(np.array([0, -distance, 0]), np.zeros(3), UP, views.intrinsics_for(160, 120))
+    T_world_camera = look_at(np.array([0, -distance, 0]), np.zeros(3), UP)
+    return raster.Camera(views.intrinsics_for(160, 120), T_world_camera)
 
 
 def test_look_at_gives_a_right_handed_upright_opencv_camera():
@@ -31,7 +33,7 @@ def test_look_at_gives_a_right_handed_upright_opencv_camera():
     np.testing.assert_allclose(T[:3, 2], [0, 1, 0], atol=1e-12)
     np.testing.assert_allclose(T[:3, 1], -UP, atol=1e-12)
     assert np.linalg.det(T[:3, :3]) == pytest.approx(1)
-    down = raster.look_at(UP, np.zeros(3), UP, views.intrinsics_for(8, 8)).T_world_camera
+    down = look_at(UP, np.zeros(3), UP)
     np.testing.assert_allclose(down[:3, :3].T @ down[:3, :3], np.eye(3), atol=1e-12)
 
 
