@@ -1,219 +1,105 @@
 """Objects added to somebody's pose graph: drifting odometry, no loop closures but the furniture itself.
 
     python examples/slam_with_objects.py --out out/slam
-    python examples/slam_with_objects.py --out out/slam --seeds 20 --jobs 2
-    python examples/slam_with_objects.py --out out/kitchen --dataset sevenscenes --root DIR --stride 4
 
 A camera walks twice about a furnished room. The pose graph is plain GTSAM: a prior on the first camera and odometry
 that drifts by 2 % of the distance and 1 degree a metre. Then each object is one more variable of that same graph, seen
-from the camera's keys, and ties the second lap to the first. The same with a scan of your own: its poses are the truth,
-and only the odometry that is drawn from them reaches the graph.
+from the camera's keys, and ties the second lap to the first. (`python -m objgraph.bench.slam` measures it over many draws.)
 """
 
 import json
-import os
-from collections.abc import Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass, replace
-from multiprocessing import get_context
 from pathlib import Path
 
 import gtsam
 import matplotlib.pyplot as plt
 import numpy as np
-import torch
 import tyro
 from gtsam.symbol_shorthand import X
 from rich.progress import track
-from scipy.stats import chi2
 
 import objgraph
-from objgraph.datasets.registry import load_scan
-from objgraph.datasets.trajectory import Trajectory, absolute_trajectory_error, write_tum
-from objgraph.errors import InitialisationError, ObservationError
-from objgraph.maps.pipeline import scene_floor
-from objgraph.observation.frames import Frame, FrameSource, Scan
-from objgraph.observation.sampling import SamplingConfig, rigid_pose
-from objgraph.slam.odometry import OdometryNoise, dead_reckoning, drifting_motions
-from objgraph.synthetic.camera import CameraConfig
-from objgraph.synthetic.sample import SampleConfig, ensure_sample
 
-FEW = SamplingConfig(
-    points=100, hits=40, free=40
-)  # of every view; the graph counts patches of surface, not pixels
+FEW = objgraph.SamplingConfig(points=100, hits=40, free=40)
+"""Of every view; the graph counts independent measurements, not pixels."""
 
 
 @dataclass
 class Arguments:
     out: Path
     """Where the picture, the trajectories and metrics.json go."""
-    seeds: int = 1
-    """Draws of the odometry's noise; those that `out` has already are not run again."""
-    jobs: int = 1
-    """Draws at the same time, which share the processor's cores."""
     frames: int = 40
     """Of all laps."""
     laps: float = 2.0
     """Times that the camera walks about the room."""
     objects: int = 6
-    """Of the scan's objects, how many to use; the room has six."""
-    dataset: str | None = None
-    """A scan in place of the room: its data set, named as `objgraph map` does."""
-    root: Path | None = None
-    """The data set's folder."""
-    scene: str | None = None
-    """The scan, where the folder has several."""
-    stride: int = 1
-    """Of the scan, every how manyth frame."""
+    """Of the room's six, how many to use."""
+    seed: int = 0
+    """Of the odometry's noise."""
 
 
-class OdometryFrames(FrameSource):
-    """Some of a scan's frames, with the poses that odometry gives them: the true ones are for the evaluation."""
-
-    def __init__(self, frames: FrameSource, indices: Sequence[int], poses: Sequence[gtsam.Pose3]) -> None:
-        self.frames, self.indices, self.poses = frames, indices, poses
-
-    def __len__(self) -> int:
-        return len(self.indices)
-
-    def __getitem__(self, index: int) -> Frame:
-        return replace(self.frames[self.indices[index]], T_world_camera=self.poses[index].matrix())
-
-
-def pose_graph(
-    start: gtsam.Pose3, motions: list[gtsam.Pose3], noise: OdometryNoise
-) -> tuple[gtsam.NonlinearFactorGraph, gtsam.Values]:
+def pose_graph(truth: list[gtsam.Pose3], seed: int) -> tuple[gtsam.NonlinearFactorGraph, gtsam.Values]:
     """What a SLAM engineer has already: X(0), X(1), ... and odometry between them."""
+    noise = objgraph.slam.OdometryNoise()
+    motions = objgraph.slam.drifting_motions(truth, noise, np.random.default_rng(seed))
     graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
-    graph.push_back(gtsam.PriorFactorPose3(X(0), start, gtsam.noiseModel.Isotropic.Sigma(6, 1e-4)))
+    graph.push_back(gtsam.PriorFactorPose3(X(0), truth[0], gtsam.noiseModel.Isotropic.Sigma(6, 1e-4)))
     for k, motion in enumerate(motions):
         graph.push_back(gtsam.BetweenFactorPose3(X(k), X(k + 1), motion, noise.model(motion)))
-    for k, pose in enumerate(dead_reckoning(start, motions)):
+    for k, pose in enumerate(objgraph.slam.dead_reckoning(truth[0], motions)):
         values.insert(X(k), pose)
     return graph, values
 
 
-def add_objects(
-    scan: Scan, count: int, graph: gtsam.NonlinearFactorGraph, values: gtsam.Values
-) -> objgraph.ObjectGraph:
-    """Each object starts from its best views within a few frames of each other, and is observed in all."""
-    few = range(min(3, len(scan.frames)))  # later ones have drifted off the floor's plane
-    beginning = OdometryFrames(scan.frames, few, [values.atPose3(X(k)) for k in few])
-    floor = scene_floor(replace(scan, frames=beginning))
-    objects = objgraph.ObjectGraph(graph, values, up_world=scan.up_world, floor=floor)
-    instances = scan.instances[:count]
-    views = {instance.id: {} for instance in instances}
-    for k in track(range(len(scan.frames)), "looking at frames"):
-        frame = scan.frames[k]
-        for instance in instances:
-            try:
-                views[instance.id][k] = objgraph.observe(frame, instance.id, FEW, seed=k)
-            except ObservationError:
-                continue  # out of sight, or too little of it
-    for instance in track(instances, "adding objects"):
-        seen = views[instance.id]
-        near = [k for k in sorted(seen) if k < min(seen) + 6][::2]
-        try:
-            handle = objects.add_object(instance.category, [seen[k] for k in near])
-        except InitialisationError as error:
-            print(f"object {instance.id} is left out: {error}")
-            continue
-        for k, view in seen.items():
-            objects.observe(handle, view, camera=X(k))
-    return objects
-
-
-def run(arguments: Arguments, seed: int) -> tuple[dict[str, float], dict[str, Trajectory]]:
-    scan = scan_of(arguments)
-    indices = range(0, len(scan.frames), arguments.stride)
-    times = np.arange(len(indices), dtype=float)
-    truth = [rigid_pose(scan.frames[i], "the truth") for i in indices]
-    noise = OdometryNoise()
-    graph, values = pose_graph(truth[0], drifting_motions(truth, noise, np.random.default_rng(seed)), noise)
-    odometry = [values.atPose3(X(k)) for k in range(len(truth))]
-    before = Trajectory(times, np.stack([pose.matrix() for pose in odometry]))
-    scan = replace(scan, frames=OdometryFrames(scan.frames, indices, odometry))
-    objects = add_objects(scan, arguments.objects, graph, values)
-    objects.optimize()
-    after = Trajectory(times, np.stack([values.atPose3(X(k)).matrix() for k in range(len(truth))]))
-    true = Trajectory(times, np.stack([pose.matrix() for pose in truth]))
-    marginals = gtsam.Marginals(graph, values)
-    errors = [values.atPose3(X(k)).localCoordinates(pose) for k, pose in enumerate(truth)]
-    squared = [e @ np.linalg.solve(marginals.marginalCovariance(X(k)), e) for k, e in enumerate(errors)][1:]
-    metrics = {
-        "ate_odometry_m": absolute_trajectory_error(before, true),
-        "ate_with_objects_m": absolute_trajectory_error(after, true),
-        "coverage_95": float(np.mean(np.array(squared) < chi2.ppf(0.95, 6))),
-    }
-    return metrics, {"truth": true, "odometry": before, "with_objects": after}
-
-
-def picture(paths: dict[str, Trajectory], metrics: dict[str, float], path: Path) -> None:
-    figure, axis = plt.subplots(figsize=(7, 7))
-    for (name, trajectory), color in zip(paths.items(), ("0.6", "tab:red", "tab:blue"), strict=True):
-        axis.plot(*trajectory.positions[:, :2].T, ".-", color=color, label=name.replace("_", " "))
-    odometry, objects = metrics["ate_odometry_m"], metrics["ate_with_objects_m"]
-    axis.set_title(f"absolute trajectory error: odometry {odometry:.3f} m, with objects {objects:.3f} m")
-    axis.set_aspect("equal")
-    axis.set_xlabel("x, m")
-    axis.set_ylabel("y, m")
-    axis.legend()
-    figure.savefig(path, dpi=110, bbox_inches="tight")
-    plt.close(figure)
-
-
-def scan_of(arguments: Arguments) -> Scan:
-    if arguments.dataset is not None:
-        return load_scan(arguments.dataset, arguments.root or Path(), arguments.scene)
-    walk = CameraConfig(frames=arguments.frames, sweep_rad=2 * np.pi * arguments.laps)
-    return load_scan("scannet", ensure_sample(Path("out"), SampleConfig(camera=walk)) / "scannet")
+def trajectory(poses: list[gtsam.Pose3]) -> objgraph.datasets.Trajectory:
+    times = np.arange(len(poses), dtype=float)
+    return objgraph.datasets.Trajectory(times, np.stack([pose.matrix() for pose in poses]))
 
 
 def main(arguments: Arguments) -> None:
-    scan_of(arguments)  # what is wrong with it is said here, and a room that is missing is made once
-    arguments.out.mkdir(parents=True, exist_ok=True)
-    rows = finished(arguments)
-    missing = [seed for seed in range(arguments.seeds) if seed not in rows]
-    threads = max(1, (os.cpu_count() or 1) // arguments.jobs)
-    with ProcessPoolExecutor(arguments.jobs, get_context("spawn"), torch.set_num_threads, (threads,)) as pool:
-        running = {pool.submit(run, arguments, seed): seed for seed in missing}
-        for done in as_completed(running):
-            seed, (metrics, paths) = running[done], done.result()
-            rows[seed] = metrics
-            print(seed, metrics, flush=True)
-            for name, trajectory in paths.items():
-                write_tum(arguments.out / f"{name}_{seed}.txt", trajectory)
-            if seed == 0:
-                picture(paths, metrics, arguments.out / "trajectories.png")
-            write_metrics(arguments, rows)
-    print(write_metrics(arguments, rows))
+    scan = objgraph.load_scan("sample", Path("out"), frames=arguments.frames, laps=arguments.laps)
+    frames = [scan.frames[k] for k in range(len(scan.frames))]
+    truth = [gtsam.Pose3(frame.T_world_camera) for frame in frames]
+    graph, values = pose_graph(truth, arguments.seed)
+    odometry = [values.atPose3(X(k)) for k in range(len(frames))]
 
+    # From here on the true poses are forgotten: every frame is where odometry has it.
+    frames = [replace(f, T_world_camera=p.matrix()) for f, p in zip(frames, odometry, strict=True)]
+    objects = objgraph.ObjectGraph(graph, values, up_world=scan.up_world, floor=0.0)
+    for instance in track(scan.instances[: arguments.objects], "adding objects"):
+        seen = {}
+        for k, frame in enumerate(frames):
+            try:
+                seen[k] = objgraph.observe(frame, instance.id, FEW, seed=k)
+            except objgraph.ObjectGraphError:
+                continue  # out of sight, or too little of it
+        if not seen:
+            continue
+        # It starts from its first views, whose cameras are near each other, and is observed in all.
+        near = [k for k in seen if k < min(seen) + 6][::2]
+        chair_or_table = objects.add_object(instance.category, [seen[k] for k in near])
+        for k, view in seen.items():
+            objects.observe(chair_or_table, view, camera=X(k))
+    objects.optimize()  # or objects.refresh() and your own optimiser
 
-def settings(arguments: Arguments) -> dict[str, str]:
-    """What the rows depend on."""
-    return {
-        name: str(value) for name, value in vars(arguments).items() if name not in ("out", "seeds", "jobs")
+    paths = {
+        "truth": trajectory(truth),
+        "odometry": trajectory(odometry),
+        "with_objects": trajectory([values.atPose3(X(k)) for k in range(len(truth))]),
     }
-
-
-def finished(arguments: Arguments) -> dict[int, dict[str, float]]:
-    """The seeds that a run before has done with the same settings: twenty take an hour or more."""
-    path = arguments.out / "metrics.json"
-    before = json.loads(path.read_text()) if path.exists() else {}
-    if before.get("settings") != settings(arguments):
-        return {}
-    return {int(row.pop("seed")): row for row in before["seeds"]}
-
-
-def write_metrics(arguments: Arguments, rows: dict[int, dict[str, float]]) -> dict[str, float]:
-    """Means over the seeds that are done; returned, and in metrics.json with all of them."""
-    means = {name: float(np.mean([row[name] for row in rows.values()])) for name in next(iter(rows.values()))}
-    each = [{"seed": seed, **rows[seed]} for seed in sorted(rows)]
-    document = {**means, "settings": settings(arguments), "seeds": each}
-    part = arguments.out / "metrics.json.part"
-    part.write_text(json.dumps(document, indent=1) + "\n")
-    part.replace(arguments.out / "metrics.json")
-    return means
+    arguments.out.mkdir(parents=True, exist_ok=True)
+    error = objgraph.datasets.absolute_trajectory_error
+    metrics = {f"ate_{name}_m": error(paths[name], paths["truth"]) for name in ("odometry", "with_objects")}
+    (arguments.out / "metrics.json").write_text(json.dumps(metrics, indent=1) + "\n")
+    print(metrics)
+    figure, axis = plt.subplots(figsize=(7, 7))
+    for (name, path), color in zip(paths.items(), ("0.6", "tab:red", "tab:blue"), strict=True):
+        objgraph.datasets.write_tum(arguments.out / f"{name}.txt", path)
+        axis.plot(*path.positions[:, :2].T, ".-", color=color, label=name.replace("_", " "))
+    axis.set_title("absolute trajectory error: " + ", ".join(f"{v:.3f} m" for v in metrics.values()))
+    axis.set(aspect="equal", xlabel="x, m", ylabel="y, m")
+    axis.legend()
+    figure.savefig(arguments.out / "trajectories.png", dpi=110, bbox_inches="tight")
 
 
 if __name__ == "__main__":

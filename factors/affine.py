@@ -3,13 +3,29 @@
 (MKL's, on processors of another maker.) The products are single precision's either way, added in another order.
 """
 
+from functools import cache
 from typing import Any
 
 import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
-_ONEDNN = torch.backends.mkldnn.is_available() and hasattr(torch.ops.mkldnn, "_linear_pointwise")
+
+@cache
+def _has_onednn() -> bool:
+    """Whether the product is to be had: it is torch's own affair, and another release may not offer it, or not so."""
+    if not torch.backends.mkldnn.is_available():
+        return False
+    x, weight, bias = (
+        torch.linspace(-1, 1, n).view(shape) for n, shape in ((6, (2, 3)), (12, (4, 3)), (4, (4,)))
+    )
+    try:
+        return all(
+            torch.allclose(_product(x, weight, b), nn.functional.linear(x, weight, b), atol=1e-5)
+            for b in (bias, None)
+        )
+    except (AttributeError, RuntimeError, TypeError):
+        return False
 
 
 def affine(
@@ -17,7 +33,7 @@ def affine(
 ) -> Float[Tensor, "n o"]:
     """`nn.functional.linear`."""
     plain = x.device.type == "cpu" and x.dtype == torch.float32 and not torch.is_autocast_enabled("cpu")
-    if not (_ONEDNN and plain and len(x)):
+    if not (plain and len(x) and _has_onednn()):
         return nn.functional.linear(x, weight, bias)
     given = (x, weight) if bias is None else (x, weight, bias)
     if torch.is_grad_enabled() and any(each.requires_grad for each in given):

@@ -1,6 +1,7 @@
 """The 2D factor: rays of one view end on the object where the depth image says so (paper L_2D, equ:2d_loss)."""
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import gtsam
 import numpy as np
@@ -63,6 +64,15 @@ class _Frozen:
     """Weighted score of the hits whose rays do not meet the box."""
 
 
+class _Rendered(NamedTuple):
+    """What was rendered last, and of what."""
+
+    value: Tensor
+    frozen: _Frozen
+    rows: RenderedRows
+    active: Tensor
+
+
 class DepthFactor(ObservationFactor):
     """Scores of the rendered depth of one view's rays.
 
@@ -96,6 +106,7 @@ class DepthFactor(ObservationFactor):
         self._sampling = sampling or RaySampling()
         self._half_box = half_box
         self._frozen: _Frozen | None = None
+        self._rendered: _Rendered | None = None
         self._frozen_at: bytes | None = None
 
     @property
@@ -132,19 +143,19 @@ class DepthFactor(ObservationFactor):
         return self._held.p_camera
 
     def loss_of(self, query: SdfQuery, value: Tensor) -> float:
-        return float((self._held.weight * self._render(query, value).loss).sum()) + self._held.missed
+        frozen, last = self._held, self._rendered
+        if last is not None and last.value is value and last.frozen is frozen:
+            loss = last.rows.loss
+        else:
+            loss = self._renderer.loss(self._samples(query, value), frozen.spread)
+        return float((frozen.weight * loss).sum()) + frozen.missed
 
     def active(self, query: SdfQuery, value: Tensor) -> Tensor:
-        strength = (
-            (self._held.weight.sqrt()[:, None, None] * self._render(query, value).d_sdf).abs().amax(dim=1)
-        )
-        if not strength.numel():  # no ray meets the object's box
-            return torch.zeros(0, dtype=torch.long)
-        return torch.nonzero((strength > _NEGLIGIBLE * strength.max()).flatten())[:, 0]
+        return self._render(query, value).active
 
     def rows_of(self, query: SdfQuery, value: Tensor, jet: SdfJet) -> Rows:
         frozen = self._held
-        rendered = self._render(query, value)
+        rendered = self._render(query, value).rows
         root = frozen.weight.sqrt()[:, None]
         residual = (root * rendered.residual).flatten()
         rows = self._quantity_jacobian(query, value, jet, root[..., None] * rendered.d_sdf)
@@ -160,11 +171,23 @@ class DepthFactor(ObservationFactor):
         jacobian[active] = self._held.metric.take(active).jacobian(query.state, value[active], some)
         return torch.bmm(d_sdf, jacobian.unflatten(0, shape)).flatten(0, 1)
 
-    def _render(self, query: SdfQuery, value: Tensor) -> RenderedRows:
+    def _samples(self, query: SdfQuery, value: Tensor) -> RaySamples:
         frozen = self._held
         sdf = (frozen.metric.at(query.state) * value.double()).view_as(frozen.cells.depth)
-        samples = RaySamples(sdf, frozen.sdf_sigma, frozen.cells, frozen.targets, frozen.slope)
-        return self._renderer.render(samples, frozen.spread)
+        return RaySamples(sdf, frozen.sdf_sigma, frozen.cells, frozen.targets, frozen.slope)
+
+    def _render(self, query: SdfQuery, value: Tensor) -> "_Rendered":
+        """Rows, and whose derivatives matter; an evaluation asks for both several times."""
+        frozen, last = self._held, self._rendered
+        if last is not None and last.value is value and last.frozen is frozen:
+            return last
+        rows = self._renderer.render(self._samples(query, value), frozen.spread)
+        strength = (frozen.weight.sqrt()[:, None, None] * rows.d_sdf).abs().amax(dim=1)
+        active = torch.zeros(0, dtype=torch.long)  # where no ray meets the object's box
+        if strength.numel():
+            active = torch.nonzero((strength > _NEGLIGIBLE * strength.max()).flatten())[:, 0]
+        self._rendered = _Rendered(value, frozen, rows, active)
+        return self._rendered
 
     def _targets(self, rays: np.ndarray) -> RayTargets:
         return RayTargets(

@@ -22,7 +22,7 @@ _BELOW = 3.0
 """Depth of the imagined camera under the floor, metres."""
 SPACING = 0.08
 """Metres between rays at the floor: dense enough that few legs go on unseen under it."""
-_PATCH = 0.2
+_CORRELATION_LENGTH = 0.2
 """Metres: a floor errs together over so much, as every surface does."""
 _LITTLE = RaySampling(coarse=4, cells=4)
 """Rays from below pass the little of the object's box that is under the floor."""
@@ -160,7 +160,7 @@ def _level_axis(axis: Float[np.ndarray, "3"], up: Float[np.ndarray, "3"]) -> Flo
 
 def floor_share(spacing: float) -> float:
     """The part of an independent measurement that each of the floor's rays is, `spacing` metres from the next."""
-    return min(1.0, (spacing / _PATCH) ** 2)
+    return min(1.0, (spacing / _CORRELATION_LENGTH) ** 2)
 
 
 def _rays_from_below(reach: float, sigma: float, spacing: float) -> Rays:

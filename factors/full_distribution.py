@@ -61,7 +61,10 @@ class FullDistribution:
 
     def score(self, samples: RaySamples) -> Float[Tensor, "r"]:
         """See `Renderer`; the weights over depth are held."""
-        spread = self.freeze(samples).detach()
+        return self.loss(samples, self.freeze(samples).detach())
+
+    def loss(self, samples: RaySamples, spread: Float[Tensor, "r"]) -> Float[Tensor, "r"]:
+        """See `Renderer`."""
         clear = 1 - probit_occupancy(samples.sdf, _tau(samples))
         passed = clear.cummin(dim=1)[0] if self.correlation == "comonotone" else clear.cumprod(dim=1)
         weights = self._weights(samples, spread)

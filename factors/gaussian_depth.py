@@ -55,6 +55,13 @@ class GaussianDepth(ABC):
             counts * energy_score(error, spread), (root * error)[:, None], (root[:, None] * d_sdf)[:, None, :]
         )
 
+    def loss(self, samples: RaySamples, spread: Float[Tensor, "r"]) -> Float[Tensor, "r"]:
+        """See `Renderer`."""
+        moments = self.occupancy(samples.sdf, samples.sdf_sigma, samples.slope)
+        mean = depth_mean(moments.mean, samples.cells.depth, samples.escape)
+        error, counts = _error(mean, samples)
+        return counts * energy_score(error, spread)
+
     def depth_error(
         self, samples: RaySamples
     ) -> tuple[Float[Tensor, "r"], Float[Tensor, "r"], Float[Tensor, "r k"]]:

@@ -82,33 +82,6 @@ def termination(
     return occupancy * before, passed[:, -1]
 
 
-def termination_moments(moments: OccupancyMoments) -> OccupancyMoments:
-    """First and second moments of every sample's termination probability, then of escape: (r, k + 1).
-
-    Products of moments, since occupancies along a ray are taken to be independent (eq:terminamte_escape).
-    """
-
-    def ends(occupied: Tensor, clear: Tensor) -> Tensor:
-        passed = torch.cumprod(clear, dim=1)
-        before = torch.cat([torch.ones_like(passed[:, :1]), passed[:, :-1]], dim=1)
-        return torch.cat([occupied * before, passed[:, -1:]], dim=1)
-
-    mean, second = moments
-    return OccupancyMoments(ends(mean, 1 - mean), ends(second, 1 - 2 * mean + second))
-
-
-def beta_parameters(moments: OccupancyMoments) -> tuple[Float[Tensor, "..."], Float[Tensor, "..."]]:
-    """The Beta distribution that the paper puts in place of a product of logit-normals, by its first two moments.
-
-    Mean and variance of the result are the given ones, so the rendered depth's are the same with and without it;
-    the shape matters only to whoever asks for quantiles.
-    """
-    mean = moments.mean.clamp(1e-12, 1 - 1e-12)
-    variance = (moments.second - moments.mean.square()).clamp_min(1e-12)
-    strength = (mean * (1 - mean) / variance - 1).clamp_min(1e-12)
-    return mean * strength, (1 - mean) * strength
-
-
 def depth_mean(
     occupancy: Float[Tensor, "r k"], depth: Float[Tensor, "r k"], escape: Float[Tensor, "r"]
 ) -> Float[Tensor, "r"]:

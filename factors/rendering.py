@@ -73,6 +73,10 @@ class Renderer(Protocol):
 
     def render(self, samples: RaySamples, spread: Float[Tensor, "r"]) -> RenderedRows: ...
 
+    def loss(self, samples: RaySamples, spread: Float[Tensor, "r"]) -> Float[Tensor, "r"]:
+        """The loss of `render` alone."""
+        ...
+
     def score(self, samples: RaySamples) -> Float[Tensor, "r"]:
         """Score of each ray, metres; autograd knows its derivatives w.r.t. both the SDF and its deviation."""
         ...

@@ -22,11 +22,6 @@ def energy_score(mu: Float[Tensor, "..."], sigma: Float[Tensor, "..."]) -> Float
     return sigma * (x * torch.erf(x / math.sqrt(2)) + 2 * density - 1 / math.sqrt(math.pi))
 
 
-def energy_score_gradient(mu: Float[Tensor, "..."], sigma: Float[Tensor, "..."]) -> Float[Tensor, "..."]:
-    """dES/dmu = erf(mu / (sqrt(2) sigma))."""
-    return torch.erf(mu / (math.sqrt(2) * sigma))
-
-
 def majorizing_weight(mu: Float[Tensor, "..."], sigma: Float[Tensor, "..."]) -> Float[Tensor, "..."]:
     """w with w mu = dES/dmu: the quadratic w mu^2 / 2 + const touches ES at mu and lies above it elsewhere.
 

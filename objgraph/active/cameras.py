@@ -7,8 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from objgraph.errors import ActiveVisionError
-from objgraph.geometry.axes import level_axes
-from objgraph.geometry.transforms import look_at
+from objgraph.geometry.frames import level_axes, look_at
 
 Reachable = Callable[[gtsam.Pose3], bool]
 """Says of T_world_camera whether a camera can be brought there."""
@@ -25,7 +24,7 @@ def looking_at(
     """
     if not np.linalg.norm(np.asarray(target, float) - eye) > 0:
         raise ActiveVisionError(f"a camera at {eye} cannot look at the point where it is")
-    return gtsam.Pose3(look_at(eye, target, up_world))
+    return gtsam.Pose3(look_at(np.asarray(eye, float), np.asarray(target, float), up_world))
 
 
 def sphere(

@@ -4,7 +4,7 @@ from collections.abc import Collection, Sequence
 
 import gtsam
 
-from objgraph.active.target import KnownObject, known_object
+from objgraph.active.target import Target, target
 from objgraph.errors import ActiveVisionError, MapError
 from objgraph.maps.mapped_object import MappedObject
 from objgraph.maps.object_map import ObjectMap
@@ -12,9 +12,9 @@ from objgraph.priors.registry import prior_for
 from objgraph.priors.shape_prior import ShapePrior
 
 
-def known_objects(
+def targets_from_map(
     object_map: ObjectMap, ids: Collection[int] = (), priors: Sequence[ShapePrior] = (), points: int = 600
-) -> list[KnownObject]:
+) -> list[Target]:
     """The mapped objects, or those of some ids, each decoded by the prior that it was mapped with.
 
     Raises:
@@ -34,11 +34,10 @@ def known_objects(
         _check_prior(entry, prior)
         name = f"{entry.category} {entry.id}"
         seen_from = [gtsam.Pose3(T) for T in entry.cameras] if entry.cameras is not None else []
-        known = known_object(
+        found.append(target(
             name, prior, entry.state, entry.uncertainty,
             seen_from=seen_from, turns=entry.other_headings, points=points,
-        )  # fmt: skip
-        found.append(known)
+        ))  # fmt: skip
     return found
 
 

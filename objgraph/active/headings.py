@@ -8,7 +8,7 @@ from jaxtyping import Float
 
 from factors.state import ObjectState
 from objgraph.active.surface_sample import SurfaceSample, sample_surface
-from objgraph.covariance.heading_modes import Turns
+from objgraph.covariance.heading_modes import HeadingModes
 from objgraph.covariance.surface import metric_sdf_jacobian
 from objgraph.errors import SolveError
 from objgraph.priors.shape_prior import ShapePrior
@@ -34,7 +34,7 @@ def other_headings(
     prior: ShapePrior,
     state: ObjectState,
     own: SurfaceSample,
-    turns: Turns,
+    turns: HeadingModes,
     corners: Float[np.ndarray, "8 3"],
     resolution: int,
     seed: int,

@@ -13,22 +13,24 @@ with f(n) = n / (1 + r^2 n): next to nothing where noise is small against r, and
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import gtsam
 import numpy as np
-import open3d as o3d
 from jaxtyping import Bool, Float
 
 from factors.state import RIGID_DOF
 from objgraph.active.headings import OtherHeading, risk
 from objgraph.active.surface_sample import SurfaceSample
-from objgraph.active.target import KnownObject
+from objgraph.active.target import Target
 from objgraph.errors import ActiveVisionError
-from objgraph.estimate.heading_modes import QuarterTurnsConfig
+from objgraph.estimate.heading_modes import HeadingModesConfig
 from objgraph.graph.builder import GraphConfig
 from objgraph.observation.frames import Intrinsics
-from objgraph.observation.sampling import SamplingConfig, SensorNoise, patch_shares
+from objgraph.observation.sampling import SamplingConfig, SensorNoise, independent_shares
+
+if TYPE_CHECKING:
+    import open3d as o3d
 
 Criterion = Literal["corners", "pose", "information", "surface"]
 _FACTORS = 2.0
@@ -42,7 +44,7 @@ _HIDDEN = 0.02
 
 
 @dataclass(frozen=True)
-class ViewConfig:
+class NextViewConfig:
     """The camera to be moved, and how its measurements will be weighed."""
 
     intrinsics: Intrinsics = field(default_factory=lambda: Intrinsics(525.0, 525.0, 319.5, 239.5, 640, 480))
@@ -50,12 +52,12 @@ class ViewConfig:
     near: float = 0.3
     """Depths closer than this are not measured, metres."""
     far: float = 5.0
-    patch: float = SamplingConfig.patch
-    """As `SamplingConfig.patch`."""
-    evidence: float = GraphConfig.evidence
-    """As `GraphConfig.evidence`."""
-    temperature: float = QuarterTurnsConfig.temperature
-    """As `QuarterTurnsConfig.temperature`: so much cost between two headings is believed as one nat."""
+    correlation_length: float = SamplingConfig.correlation_length
+    """As `SamplingConfig.correlation_length`."""
+    effective_count: float = GraphConfig.effective_count
+    """As `GraphConfig.effective_count`."""
+    temperature: float = HeadingModesConfig.temperature
+    """As `HeadingModesConfig.temperature`: so much cost between two headings is believed as one nat."""
     min_share: float = 0.1
     """Of an object's surface that must be seen for the view to be one of it."""
 
@@ -90,9 +92,9 @@ class ViewGain:
 
 
 def next_views(
-    objects: Sequence[KnownObject],
+    objects: Sequence[Target],
     cameras: Sequence[gtsam.Pose3],
-    config: ViewConfig | None = None,
+    config: NextViewConfig | None = None,
     *,
     criterion: Criterion = "corners",
     others: Sequence[tuple[np.ndarray, np.ndarray]] = (),
@@ -107,23 +109,25 @@ def next_views(
     """
     if not objects or not cameras:
         raise ActiveVisionError(f"{len(objects)} objects and {len(cameras)} cameras: both must be some")
-    config = config or ViewConfig()
-    meshes = [(known.vertices, known.faces) for known in objects]
+    config = config or NextViewConfig()
+    meshes = [(target.vertices, target.faces) for target in objects]
     scene = _scene([*meshes, *others])
     gains: list[dict[str, ObjectGain]] = [{} for _ in cameras]
-    for i, known in enumerate(objects):
+    for i, target in enumerate(objects):
         rest = [*meshes[:i], *meshes[i + 1 :], *others]
-        turned = [_scene([(other.vertices, other.faces), *rest]) for other in known.others]
-        judge = _Judge(known, scene, turned, config)
+        turned = [_scene([(other.vertices, other.faces), *rest]) for other in target.others]
+        judge = _Judge(target, scene, turned, config)
         for gain, camera in zip(gains, cameras, strict=True):
-            gain[known.name] = judge.gain(camera)
+            gain[target.name] = judge.gain(camera)
         if progress is not None:
             progress(i + 1, len(objects))
     found = [ViewGain(camera, gain) for camera, gain in zip(cameras, gains, strict=True)]
     return sorted(found, key=lambda view: -view.total(criterion))
 
 
-def _scene(meshes: Sequence[tuple[np.ndarray, np.ndarray]]) -> o3d.t.geometry.RaycastingScene:
+def _scene(meshes: Sequence[tuple[np.ndarray, np.ndarray]]) -> "o3d.t.geometry.RaycastingScene":
+    import open3d as o3d  # slow to import, and not needed for the types above
+
     scene = o3d.t.geometry.RaycastingScene()
     for vertices, faces in meshes:
         scene.add_triangles(np.asarray(vertices, np.float32), np.asarray(faces, np.uint32))
@@ -131,36 +135,36 @@ def _scene(meshes: Sequence[tuple[np.ndarray, np.ndarray]]) -> o3d.t.geometry.Ra
 
 
 def known_precision(
-    known: KnownObject, scene: o3d.t.geometry.RaycastingScene, config: ViewConfig
+    target: Target, scene: "o3d.t.geometry.RaycastingScene", config: NextViewConfig
 ) -> Float[np.ndarray, "m"]:
     """Sum of the sensor's precisions, 1 / m^2, with which the views so far have measured each of the object's points.
 
     They are taken to be of the same camera as the candidates.
     """
-    precision = np.zeros(len(known.points))
-    for camera in known.seen_from:
-        seen = visible(known, camera, scene, config)
-        precision[seen] += config.noise(_in_camera(known.points[seen], camera)[:, 2]) ** -2
+    precision = np.zeros(len(target.points))
+    for camera in target.seen_from:
+        seen = visible(target, camera, scene, config)
+        precision[seen] += config.noise(_in_camera(target.points[seen], camera)[:, 2]) ** -2
     return precision
 
 
 def expected_information(
-    known: KnownObject,
+    target: Target,
     T_world_camera: gtsam.Pose3,
     seen: Bool[np.ndarray, "m"],
-    config: ViewConfig,
+    config: NextViewConfig,
     precision: Float[np.ndarray, "m"] | None = None,
 ) -> Float[np.ndarray, "d d"]:
     """What a view that sees these points is expected to add to the object's information matrix.
 
     `precision` is what other views have measured the points with (`known_precision`); None where there were none.
     """
-    share, depth = _shares(known, T_world_camera, seen, config)
+    share, depth = _shares(target, T_world_camera, seen, config)
     before = np.zeros(len(share)) if precision is None else precision[seen]
     after = before + config.noise(depth) ** -2
-    shared = known.residual[seen] ** 2
+    shared = target.residual[seen] ** 2
     weight = after / (1 + shared * after) - before / (1 + shared * before)
-    jacobian = known.jacobian[seen]
+    jacobian = target.jacobian[seen]
     return _FACTORS * (jacobian * (share * weight)[:, None]).T @ jacobian
 
 
@@ -168,8 +172,8 @@ def divergence(
     surface: SurfaceSample,
     distance: Float[np.ndarray, "m"],
     T_world_camera: gtsam.Pose3,
-    scene: o3d.t.geometry.RaycastingScene,
-    config: ViewConfig,
+    scene: "o3d.t.geometry.RaycastingScene",
+    config: NextViewConfig,
 ) -> float:
     """Cost that a view of this surface is expected to put on one at these distances from its points: half squared distances,
     as the factors' scores nearly are while they are small."""
@@ -182,33 +186,37 @@ def divergence(
 
 
 def _shares(
-    surface: SurfaceSample, T_world_camera: gtsam.Pose3, seen: Bool[np.ndarray, "m"], config: ViewConfig
+    surface: SurfaceSample, T_world_camera: gtsam.Pose3, seen: Bool[np.ndarray, "m"], config: NextViewConfig
 ) -> tuple[Float[np.ndarray, "s"], Float[np.ndarray, "s"]]:
     """What each point that is seen counts for, and its depth."""
     p_camera = _in_camera(surface.points[seen], T_world_camera)
-    share = np.minimum(1.0, config.evidence * patch_shares(p_camera, config.patch, most=0.25))
+    share = np.minimum(
+        1.0, config.effective_count * independent_shares(p_camera, config.correlation_length, most=0.25)
+    )
     return share, p_camera[:, 2]
 
 
 def visible(
-    known: SurfaceSample,
+    surface: SurfaceSample,
     T_world_camera: gtsam.Pose3,
-    scene: o3d.t.geometry.RaycastingScene,
-    config: ViewConfig,
+    scene: "o3d.t.geometry.RaycastingScene",
+    config: NextViewConfig,
 ) -> Bool[np.ndarray, "m"]:
     """Which of the object's points face the camera, lie in its picture and range, and are hidden by nothing."""
-    p_camera = _in_camera(known.points, T_world_camera)
+    p_camera = _in_camera(surface.points, T_world_camera)
     depth = p_camera[:, 2]
     intrinsics = config.intrinsics
     seen = (depth > config.near) & (depth < config.far)
     pixel = intrinsics.project(np.where(seen[:, None], p_camera, [[0.0, 0.0, 1.0]]))
     seen &= (pixel >= 0).all(axis=1) & (pixel < [intrinsics.width, intrinsics.height]).all(axis=1)
-    sight = known.points - T_world_camera.translation()
+    sight = surface.points - T_world_camera.translation()
     distance = np.linalg.norm(sight, axis=1)
-    seen &= -(sight * known.normals).sum(axis=1) > _GRAZING * distance
+    seen &= -(sight * surface.normals).sum(axis=1) > _GRAZING * distance
     if seen.any():
         eye = np.broadcast_to(T_world_camera.translation(), sight[seen].shape)
         rays = np.concatenate([eye, sight[seen] / distance[seen, None]], axis=1).astype(np.float32)
+        import open3d as o3d  # as in _scene
+
         first = scene.cast_rays(o3d.core.Tensor(rays))["t_hit"].numpy()
         seen[seen] = first > distance[seen] - _HIDDEN
     return seen
@@ -219,29 +227,29 @@ class _Judge:
 
     def __init__(
         self,
-        known: KnownObject,
-        scene: o3d.t.geometry.RaycastingScene,
-        turned: Sequence[o3d.t.geometry.RaycastingScene],
-        config: ViewConfig,
+        target: Target,
+        scene: "o3d.t.geometry.RaycastingScene",
+        turned: "Sequence[o3d.t.geometry.RaycastingScene]",
+        config: NextViewConfig,
     ) -> None:
         """`turned` are the scenes in which the object stands in its other headings."""
-        self.known, self.scene, self.turned, self.config = known, scene, turned, config
-        self.precision = known_precision(known, scene, config)
-        self.covariance = np.linalg.inv(known.information)
-        self.log_det = np.linalg.slogdet(known.information)[1]
+        self.target, self.scene, self.turned, self.config = target, scene, turned, config
+        self.precision = known_precision(target, scene, config)
+        self.covariance = np.linalg.inv(target.information)
+        self.log_det = np.linalg.slogdet(target.information)[1]
         self.pose_log_det = np.linalg.slogdet(self.covariance[:RIGID_DOF, :RIGID_DOF])[1]
-        self.surface = known.surface_misfit * known.jacobian.T @ known.jacobian / len(known.jacobian)
+        self.surface = target.surface_misfit * target.jacobian.T @ target.jacobian / len(target.jacobian)
         self.variance = float((self.surface * self.covariance).sum())
-        self.corners = known.corner_jacobian.T @ known.corner_jacobian / 8
-        self.risk = risk(known.probability, known.others, [0.0] * len(known.others))
+        self.corners = target.corner_jacobian.T @ target.corner_jacobian / 8
+        self.risk = risk(target.probability, target.others, [0.0] * len(target.others))
 
     def gain(self, camera: gtsam.Pose3) -> ObjectGain:
-        seen = visible(self.known, camera, self.scene, self.config)
+        seen = visible(self.target, camera, self.scene, self.config)
         share = float(seen.mean())
         if share < self.config.min_share:
             return ObjectGain(0.0, 0.0, 0.0, 0.0, share)
-        added = expected_information(self.known, camera, seen, self.config, self.precision)
-        information = self.known.information + added
+        added = expected_information(self.target, camera, seen, self.config, self.precision)
+        information = self.target.information + added
         after = np.linalg.inv(information)
         rigid = after[:RIGID_DOF, :RIGID_DOF]
         less = self.covariance[:RIGID_DOF, :RIGID_DOF] - rigid
@@ -257,15 +265,15 @@ class _Judge:
         """Expected decrease of the mean square error that the wrong heading makes, square metres."""
         nats = [
             self._apart(other, camera, scene) / self.config.temperature
-            for other, scene in zip(self.known.others, self.turned, strict=True)
+            for other, scene in zip(self.target.others, self.turned, strict=True)
         ]
-        return self.risk - risk(self.known.probability, self.known.others, nats)
+        return self.risk - risk(self.target.probability, self.target.others, nats)
 
     def _apart(
-        self, other: OtherHeading, camera: gtsam.Pose3, scene: o3d.t.geometry.RaycastingScene
+        self, other: OtherHeading, camera: gtsam.Pose3, scene: "o3d.t.geometry.RaycastingScene"
     ) -> float:
         """Cost between the object as it was found and turned, the mean of both views of it."""
-        own = divergence(self.known, other.of_own, camera, self.scene, self.config)
+        own = divergence(self.target, other.of_own, camera, self.scene, self.config)
         return 0.5 * (own + divergence(other, other.to_own, camera, scene, self.config))
 
 

@@ -10,7 +10,7 @@ from jaxtyping import Float
 from factors.state import RIGID_DOF, ObjectState
 from objgraph.active.headings import OtherHeading, other_headings
 from objgraph.active.surface_sample import SurfaceSample, sample_surface
-from objgraph.covariance.heading_modes import Turns
+from objgraph.covariance.heading_modes import HeadingModes
 from objgraph.covariance.labelled import ObjectCovariance
 from objgraph.covariance.surface import metric_sdf_jacobian
 from objgraph.errors import ActiveVisionError
@@ -18,7 +18,7 @@ from objgraph.priors.shape_prior import ShapePrior
 
 
 @dataclass(frozen=True, eq=False)
-class KnownObject(SurfaceSample):
+class Target(SurfaceSample):
     """An estimate, and its surface linearised once: candidates differ only in which of its points they see."""
 
     name: str
@@ -49,18 +49,18 @@ class KnownObject(SurfaceSample):
         return (self.vertices.min(axis=0) + self.vertices.max(axis=0)) / 2
 
 
-def known_object(
+def target(
     name: str,
     prior: ShapePrior,
     state: ObjectState,
     covariance: ObjectCovariance,
     *,
     seen_from: Sequence[gtsam.Pose3] = (),
-    turns: Turns | None = None,
+    turns: HeadingModes | None = None,
     points: int = 600,
     resolution: int = 48,
     seed: int = 0,
-) -> KnownObject:
+) -> Target:
     """What an estimate that was made from some views says of its surface, at that many points.
 
     `turns` with their states are the other headings that it may have.
@@ -81,7 +81,7 @@ def known_object(
     surface = sample_surface(prior, state, points, resolution, seed)
     corners = _corners(prior, state, surface)
     others = () if turns is None else other_headings(prior, state, surface, turns, corners, resolution, seed)
-    return KnownObject(
+    return Target(
         **vars(surface),
         name=name,
         information=root.T @ root,

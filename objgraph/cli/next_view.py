@@ -12,9 +12,9 @@ from rich.console import Console
 from rich.table import Table
 
 from objgraph.active.cameras import sphere
-from objgraph.active.from_map import known_objects
-from objgraph.active.next_view import Criterion, ViewConfig, ViewGain, next_views
-from objgraph.active.target import KnownObject
+from objgraph.active.from_map import targets_from_map
+from objgraph.active.next_view import Criterion, NextViewConfig, ViewGain, next_views
+from objgraph.active.target import Target
 from objgraph.datasets.trajectory import read_tum
 from objgraph.maps.object_map import ObjectMap
 from objgraph.observation.frames import Intrinsics
@@ -60,8 +60,10 @@ def run_next_view(command: NextViewCommand, console: Console) -> list[ViewGain]:
     """
     folder = command.map.parent if command.map.suffix == ".json" else command.map
     object_map = ObjectMap.load(folder)
-    known = known_objects(object_map, command.objects, [load_prior_file(path) for path in command.priors])
-    asked = {entry.name for entry in known}
+    targets = targets_from_map(
+        object_map, command.objects, [load_prior_file(path) for path in command.priors]
+    )
+    asked = {entry.name for entry in targets}
     others = [
         (entry.vertices, entry.faces)
         for entry in object_map.mapped
@@ -71,26 +73,24 @@ def run_next_view(command: NextViewCommand, console: Console) -> list[ViewGain]:
     ]
     width, height = command.size
     camera = Intrinsics(command.focal, command.focal, (width - 1) / 2, (height - 1) / 2, width, height)
-    with console.status(f"looking at {len(known)} objects"):
+    with console.status(f"looking at {len(targets)} objects"):
         views = next_views(
-            known, _candidates(command, known, object_map), ViewConfig(camera),
+            targets, _candidates(command, targets, object_map), NextViewConfig(camera),
             criterion=command.criterion, others=others,
         )  # fmt: skip
     console.print(_table(views[: command.top], command.criterion))
     if command.out is not None:
-        _write(command, command.out, views, known, object_map)
+        _write(command, command.out, views, targets, object_map)
         console.print(f"written to {command.out}")
     return views
 
 
-def _candidates(
-    command: NextViewCommand, known: list[KnownObject], object_map: ObjectMap
-) -> list[gtsam.Pose3]:
+def _candidates(command: NextViewCommand, targets: list[Target], object_map: ObjectMap) -> list[gtsam.Pose3]:
     if command.cameras is not None:
         return [gtsam.Pose3(T) for T in read_tum(command.cameras).T_world_camera]
     return [
         camera
-        for entry in known
+        for entry in targets
         for camera in sphere(
             entry.centre, command.distance, object_map.up_world, command.candidates, command.elevations
         )
@@ -127,7 +127,7 @@ def _write(
     command: NextViewCommand,
     out: Path,
     views: list[ViewGain],
-    known: list[KnownObject],
+    targets: list[Target],
     object_map: ObjectMap,
 ) -> None:
     criterion = command.criterion
@@ -145,7 +145,7 @@ def _write(
         ],
     }
     (out / "next_views.json").write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
-    for entry in known:
+    for entry in targets:
         own = sorted(
             _about(entry, views, command), key=lambda view: -getattr(view.objects[entry.name], criterion)
         )
@@ -154,7 +154,7 @@ def _write(
         sphere_picture(entry, entry.surface_sigma, alone, object_map.up_world, path, criterion=criterion)
 
 
-def _about(entry: KnownObject, views: list[ViewGain], command: NextViewCommand) -> list[ViewGain]:
+def _about(entry: Target, views: list[ViewGain], command: NextViewCommand) -> list[ViewGain]:
     """The candidates on the object's own sphere; all where the caller gave them."""
     if command.cameras is not None:
         return views

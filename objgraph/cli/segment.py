@@ -13,7 +13,7 @@ from jaxtyping import Float
 from rich.console import Console
 from rich.progress import track
 
-from objgraph.atomic_folder import write_whole
+from objgraph.atomic_folder import write_folder
 from objgraph.datasets.files import decode_color, pick_folder, read_bytes
 from objgraph.datasets.folder import color_path, frames_with_masks
 from objgraph.datasets.folder_files import read_instances
@@ -51,11 +51,11 @@ def run_segment(command: SegmentCommand, console: Console) -> Path:
         raise DatasetError(f"{masks}: already there; remove it to segment the images again")
     segmenter = Segmenter.load(command.weights, device=command.device)
     if command.dataset == "kitti":
-        write_whole(masks, lambda folder: _kitti(command.root, folder, segmenter))
+        write_folder(masks, lambda folder: _kitti(command.root, folder, segmenter))
     else:
         root = pick_folder(command.root, "depth", None)
         up = _up(command, root)
-        write_whole(masks, lambda folder: _folder(root, folder, segmenter, up))
+        write_folder(masks, lambda folder: _folder(root, folder, segmenter, up))
     console.print(f"written to {masks}")
     return masks
 

@@ -9,7 +9,7 @@ from jaxtyping import Float
 
 from factors.sdf_decoder import SdfDecoder
 from factors.state import RIGID_DOF, ObjectState
-from objgraph.covariance.heading_modes import Turns
+from objgraph.covariance.heading_modes import HeadingModes
 from objgraph.covariance.labelled import LabelledCovariance, ObjectCovariance
 from objgraph.errors import SolveError
 from objgraph.priors.mesh import extract_mesh
@@ -47,7 +47,7 @@ def box_pose(
     covariance: ObjectCovariance,
     p_object: Float[np.ndarray, "v 3"] | None = None,
     misfit: BoxMisfit | None = None,
-    turns: Turns | None = None,
+    turns: HeadingModes | None = None,
     view_cost: float | None = None,
 ) -> BoxPose:
     """The object's box, with the covariance that `covariance` gives it and the prior's `misfit` added.

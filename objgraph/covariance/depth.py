@@ -13,7 +13,7 @@ from factors.sdf_decoder import SdfDecoder
 from factors.state import ObjectState
 from objgraph.covariance.labelled import ObjectCovariance
 from objgraph.covariance.surface import metric_sdf
-from objgraph.geometry.transforms import transform_points
+from objgraph.geometry.frames import transformed
 
 _SLOPE = 400.0
 """Of the occupancy's sigmoid, 1/metres (paper eq:sloped_sigmoid)."""
@@ -89,7 +89,7 @@ def predicted_depth(
             torch.as_tensor(near[meets]), torch.as_tensor(far[meets]), samples
         ).numpy()
         p_camera = directions_camera[meets][:, None, :] * depth[meets][:, :, None]
-        p_world = transform_points(T_world_camera.matrix(), p_camera.reshape(-1, 3))
+        p_world = transformed(T_world_camera.matrix(), p_camera.reshape(-1, 3))
         sdf, sigma, metres = metric_sdf(decoder, state, covariance, p_world)
         tau = (sigma**2 + (residual_sigma * metres) ** 2 + (PROBIT_SCALE / _SLOPE) ** 2).sqrt()
         occupied = probit_occupancy(sdf, tau).view(len(meets), samples)

@@ -2,7 +2,6 @@
 
 import gtsam
 import numpy as np
-from jaxtyping import Float
 
 from factors.state import RIGID_DOF, ObjectState
 from objgraph.covariance.labelled import LabelledCovariance, ObjectCovariance, object_axes
@@ -34,17 +33,7 @@ def of_xi(covariance: ObjectCovariance, state: ObjectState) -> LabelledCovarianc
     jacobian = np.eye(len(covariance.matrix))
     jacobian[:RIGID_DOF, :RIGID_DOF] = 0.0
     jacobian[0:3, 3:6] = rotation.matrix()
-    jacobian[3:6, 0:3] = _log_derivative(gtsam.Rot3.Logmap(rotation))
+    jacobian[3:6, 0:3] = gtsam.Rot3.LogmapDerivative(gtsam.Rot3.Logmap(rotation))
     jacobian[6:9, 6:9] = np.diag(state.scale)
     code = object_axes(len(covariance.matrix) - RIGID_DOF)[RIGID_DOF:]
     return covariance.mapped(jacobian, (*XI_AXES, *code))
-
-
-def _log_derivative(phi: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3 3"]:
-    """d Log(Exp(phi) Exp(w)) / dw at zero: the inverse of SO(3)'s right Jacobian (Chirikjian, 2011)."""
-    angle = np.linalg.norm(phi)
-    cross = np.array([[0, -phi[2], phi[1]], [phi[2], 0, -phi[0]], [-phi[1], phi[0], 0]])
-    if angle < 1e-4:
-        return np.eye(3) + cross / 2 + cross @ cross / 12
-    rest = 1 / angle**2 - (1 + np.cos(angle)) / (2 * angle * np.sin(angle))
-    return np.eye(3) + cross / 2 + rest * cross @ cross

@@ -12,7 +12,7 @@ QUARTERS = 4
 
 
 @dataclass(frozen=True)
-class Turns:
+class HeadingModes:
     """How likely it is that an object stands as estimated or turned about its up axis, within the same metric box."""
 
     probability: Float[np.ndarray, "4"]
@@ -33,14 +33,14 @@ class Turns:
     @staticmethod
     def of_costs(
         costs: Float[np.ndarray, "4"], temperature: float, states: tuple[ObjectState | None, ...] = ()
-    ) -> "Turns":
+    ) -> "HeadingModes":
         """From costs (weighted scores), the estimate's own first; one that is not finite has no chance.
 
         `temperature` is the cost that counts as one nat; it has to be fitted, for costs are no log-posteriors.
         """
         costs = np.where(np.isfinite(costs), costs, np.inf)
         weight = np.exp((costs.min() - costs) / temperature)
-        return Turns(weight / weight.sum(), states)
+        return HeadingModes(weight / weight.sum(), states)
 
     def second_moment(self, extents: Float[np.ndarray, "3"]) -> Float[np.ndarray, "9 9"]:
         """Mean square of what leads from the estimated box to the turned ones, over `BOX_AXES`."""

@@ -8,9 +8,9 @@ import numpy as np
 from jaxtyping import Float
 from rich.markup import escape
 from rich.table import Table
-from scipy.stats import chi2
 
 from factors.state import RIGID_DOF
+from objgraph.covariance.quantile import squared_limit
 from objgraph.errors import CovarianceError
 
 POSE_AXES = (
@@ -82,16 +82,12 @@ class LabelledCovariance:
         """All variances and covariances multiplied."""
         return replace(self, matrix=factor * self.matrix)
 
-    def squared_distance(self, error: Float[np.ndarray, "d"]) -> float:
-        """Squared Mahalanobis length of an error; its mean over honest estimates is the number of axes."""
-        return float(error @ np.linalg.solve(self.matrix, error))
-
     def ellipsoid(self, probability: float = 0.95) -> tuple[Float[np.ndarray, "d d"], Float[np.ndarray, "d"]]:
         """Unit directions (columns), the longest first, and half axes of the ellipsoid that holds this share."""
         if not 0 < probability < 1:
             raise CovarianceError(f"an ellipsoid holds a share between 0 and 1, not {probability}")
         values, vectors = np.linalg.eigh(self.matrix)
-        radius = np.sqrt(chi2.ppf(probability, len(values)) * np.maximum(values, 0.0))
+        radius = np.sqrt(squared_limit(probability, len(values)) * np.maximum(values, 0.0))
         return vectors[:, ::-1], radius[::-1]
 
     def table(self) -> Table:

@@ -5,9 +5,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
 
-from objgraph.datasets import folder, sample, scannet, sevenscenes, tum
+from objgraph.datasets import folder, kitti, sample, scannet, sevenscenes, tum
 from objgraph.errors import DatasetError
 from objgraph.observation.frames import Scan
+from objgraph.observation.lidar.frame import LidarFrame
 
 
 class Load(Protocol):
@@ -70,6 +71,22 @@ def load_scan(dataset: str, root: Path, scene: str | None = None, **options: Any
             f"data set '{dataset}' has no option {', '.join(unknown)}; it has {', '.join(known)}"
         )
     return load(Path(root), scene, **options)
+
+
+def load_lidar_frame(dataset: str, root: Path, frame: str | None = None) -> LidarFrame:
+    """One scan of a LiDAR: of "kitti", or of "street", the project's own, which is generated under `root`.
+
+    Raises:
+        DatasetError: there is no such data set or frame, or a file is missing or damaged.
+    """
+    if dataset == "street":
+        from objgraph.synthetic.street import ensure_street  # renders, with open3d: slow to import
+
+        root = ensure_street(Path(root))
+        return kitti.load_frame(root, frame or kitti.frames(root)[0])
+    if dataset == "kitti":
+        return kitti.load_frame(Path(root), frame)
+    raise DatasetError(f"no data set '{dataset}' of LiDAR scans; available: kitti, street")
 
 
 def _loader(dataset: str) -> Loader:

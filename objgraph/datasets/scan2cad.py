@@ -23,7 +23,7 @@ from scipy.spatial.transform import Rotation
 from objgraph.datasets.files import read_json
 from objgraph.datasets.ground_truth import GroundTruth
 from objgraph.errors import DatasetError
-from objgraph.geometry.transforms import transform_points
+from objgraph.geometry.frames import transformed
 
 log = logging.getLogger(__name__)
 
@@ -116,7 +116,7 @@ def match_models(
 
 def _surface_points(truth: GroundTruth) -> Float[np.ndarray, "n 3"]:
     """Points on the model's surface in the world frame, evenly spread over its area."""
-    vertices = transform_points(truth.T_world_object, truth.vertices * truth.scale)
+    vertices = transformed(truth.T_world_object, truth.vertices * truth.scale)
     mesh = trimesh.Trimesh(vertices, truth.faces, process=False)
     return trimesh.sample.sample_surface(mesh, _MATCH_POINTS, seed=0)[0]
 

@@ -24,7 +24,7 @@ from objgraph.datasets.ground_truth import AnnotatedScan, GroundTruth, LazyTruth
 from objgraph.datasets.scan2cad import load_aligned_models, match_models
 from objgraph.datasets.scannet_files import Recording, mask_reader, open_recording, read_labels
 from objgraph.errors import DatasetError
-from objgraph.geometry.transforms import transform_points
+from objgraph.geometry.frames import transformed
 from objgraph.observation.frames import Frame, FrameSource, Instance
 
 log = logging.getLogger(__name__)
@@ -194,5 +194,5 @@ def _sparse_points(frame: Frame) -> dict[int, Float[np.ndarray, "n 3"]]:
     depth, ids = frame.depth[v, u], frame.instances[v, u]
     seen = (depth > 0) & (ids > 0)
     p_camera = frame.intrinsics.backproject(u[seen], v[seen]) * depth[seen][:, None]
-    p_world = transform_points(frame.T_world_camera, p_camera)
+    p_world = transformed(frame.T_world_camera, p_camera)
     return {int(i): p_world[ids[seen] == i] for i in np.unique(ids[seen])}

@@ -6,9 +6,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from factors.state import ObjectState
-from objgraph.covariance.heading_modes import Turns
+from objgraph.covariance.heading_modes import HeadingModes
 from objgraph.errors import ObjectGraphError, SolveError
-from objgraph.estimate.heading_modes import QuarterTurnsConfig, quarter_turns
+from objgraph.estimate.heading_modes import HeadingModesConfig, heading_modes
 from objgraph.estimate.task import Estimate, EstimationTask, unusable
 from objgraph.graph.builder import GraphConfig, ObjectBuilder
 from objgraph.graph.single_object import SingleObject
@@ -21,7 +21,7 @@ class GraphEstimator:
 
     graph: GraphConfig = field(default_factory=GraphConfig)
     solver: SolverConfig = field(default_factory=SolverConfig)
-    turns: QuarterTurnsConfig | None = field(default_factory=QuarterTurnsConfig)
+    heading_modes: HeadingModesConfig | None = field(default_factory=HeadingModesConfig)
     """None takes the heading that was found as the only one."""
 
     def estimate(
@@ -43,8 +43,8 @@ class GraphEstimator:
         for attempt in attempts:
             attempt.choose_cheapest(last)
         solve([attempt.chosen for attempt in attempts if attempt.is_good], self.solver, progress)
-        if self.turns is not None:
-            self._turn([attempt for attempt in attempts if attempt.is_good], self.turns)
+        if self.heading_modes is not None:
+            self._turn([attempt for attempt in attempts if attempt.is_good], self.heading_modes)
         return [attempt.estimate(last) for attempt in attempts]
 
     def _single(self, task: EstimationTask, start: ObjectState) -> SingleObject:
@@ -52,11 +52,11 @@ class GraphEstimator:
             task.prior, start, task.views, task.box
         )
 
-    def _turn(self, attempts: Sequence["_Attempts"], config: QuarterTurnsConfig) -> None:
+    def _turn(self, attempts: Sequence["_Attempts"], config: HeadingModesConfig) -> None:
         """Solve to the end what costs less turned, take it where it still does by enough, and say how likely other headings are."""
         tasks, states = [attempt.task for attempt in attempts], [attempt.chosen.state for attempt in attempts]
-        better: list[tuple[_Attempts, SingleObject, Turns]] = []
-        for attempt, found in zip(attempts, quarter_turns(tasks, states, self.graph, config), strict=True):
+        better: list[tuple[_Attempts, SingleObject, HeadingModes]] = []
+        for attempt, found in zip(attempts, heading_modes(tasks, states, self.graph, config), strict=True):
             if found is None or not np.isfinite(found.costs[0]):
                 continue
             attempt.linearizations += found.linearizations
@@ -82,7 +82,7 @@ class _Attempts:
     task: EstimationTask
     tried: list[SingleObject]
     cost_initial: float = np.nan
-    turns: Turns | None = None
+    turns: HeadingModes | None = None
     linearizations: int = 0
     """Beside those of `tried`."""
     error_evaluations: int = 0

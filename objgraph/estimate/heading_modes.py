@@ -9,7 +9,7 @@ from jaxtyping import Float
 
 from factors.depth import RaySampling
 from factors.state import ObjectState
-from objgraph.covariance.heading_modes import QUARTERS, Turns
+from objgraph.covariance.heading_modes import QUARTERS, HeadingModes
 from objgraph.estimate.task import EstimationTask
 from objgraph.graph.builder import GraphConfig, ObjectBuilder
 from objgraph.graph.initialise import free_points, misfit
@@ -19,7 +19,7 @@ from objgraph.priors.shape_prior import ShapePrior
 
 
 @dataclass(frozen=True)
-class QuarterTurnsConfig:
+class HeadingModesConfig:
     """Which headings are tried, how cheaply they are told apart, and how much is believed of it."""
 
     reach: float = 6.0
@@ -56,17 +56,17 @@ class Turned:
         """The quarter."""
         return int(np.argmin(self.costs))
 
-    def turns(self, quarter: int, temperature: float) -> Turns:
+    def turns(self, quarter: int, temperature: float) -> HeadingModes:
         """Of the object as it stands turned by so many quarters."""
         states = self.states[quarter:] + self.states[:quarter]
-        return Turns.of_costs(np.roll(self.costs, -quarter), temperature, states)
+        return HeadingModes.of_costs(np.roll(self.costs, -quarter), temperature, states)
 
 
-def quarter_turns(
+def heading_modes(
     tasks: Sequence[EstimationTask],
     estimates: Sequence[ObjectState],
     graph: GraphConfig,
-    config: QuarterTurnsConfig,
+    config: HeadingModesConfig,
 ) -> list[Turned | None]:
     """What each estimate costs, and would turned; None where no turn of it comes near, its prior has no common box, or a
     detector said how it stands.
@@ -81,7 +81,7 @@ def quarter_turns(
 
 
 def _attempts(
-    task: EstimationTask, estimate: ObjectState, graph: GraphConfig, config: QuarterTurnsConfig
+    task: EstimationTask, estimate: ObjectState, graph: GraphConfig, config: HeadingModesConfig
 ) -> list[tuple[int, SingleObject]]:
     """Problems by quarter; none where no turned shape has a chance."""
     prior = task.prior

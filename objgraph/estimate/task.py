@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from factors.state import ObjectState
-from objgraph.covariance.heading_modes import Turns
+from objgraph.covariance.heading_modes import HeadingModes
 from objgraph.covariance.labelled import ObjectCovariance
 from objgraph.errors import SolveError
 from objgraph.graph.builder import DetectedBox
@@ -50,7 +50,7 @@ class Estimate:
     """Evaluations of the loss alone."""
     view_cost: float | None = None
     """What a view costs at the estimate, in the weighted scores of the factors; None where the objective is another."""
-    turns: Turns | None = None
+    turns: HeadingModes | None = None
     """How likely the object stands otherwise; None where no quarter turn of it has a chance, or none was tried."""
 
 

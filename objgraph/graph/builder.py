@@ -39,8 +39,8 @@ class GraphConfig:
     """The 2D factor's renderer: the full termination distribution, or a Gaussian depth, the paper's, NodeSLAM's or
     DSP-SLAM's."""
     sampling: RaySampling = field(default_factory=RaySampling)
-    evidence: float = 1.0
-    """Independent measurements a patch of seen surface counts for, in each of the two factors of a view."""
+    effective_count: float = 1.0
+    """Independent measurements that a cube (`correlation_length`) of seen surface counts for, in each of the two factors of a view."""
     anisotropy_sigma: float = 0.1
     """Standard deviation of each axis' log-scale about their mean: the code, not the scale, stretches shapes."""
     code_spread: float = 3.0
@@ -184,4 +184,4 @@ class ObjectBuilder:
         return SingleObject(prior.category, graph, values, factors, start=values)
 
     def _weighting(self, share: float | Float[np.ndarray, "n"]) -> Weighting:
-        return Weighting("information", np.minimum(1.0, self.config.evidence * np.asarray(share)))
+        return Weighting("information", np.minimum(1.0, self.config.effective_count * np.asarray(share)))

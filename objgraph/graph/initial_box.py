@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 from jaxtyping import Float
 
-from objgraph.geometry.axes import upright_axes
+from objgraph.geometry.frames import upright_axes
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ from jaxtyping import Float
 from factors.depth import RaySampling
 from factors.state import ObjectState
 from objgraph.errors import InitialisationError, ObservationError
-from objgraph.geometry.transforms import transform_points
+from objgraph.geometry.frames import transformed
 from objgraph.graph.builder import ObjectBuilder
 from objgraph.graph.initial_box import gravity_box, smallest_heading
 from objgraph.graph.single_object import SingleObject
@@ -52,7 +52,10 @@ class InitialisationConfig:
 
 
 def first_states(
-    prior: ShapePrior, views: Sequence[ObjectView], builder: ObjectBuilder, config: InitialisationConfig
+    prior: ShapePrior,
+    views: Sequence[ObjectView],
+    builder: ObjectBuilder,
+    config: InitialisationConfig | None = None,
 ) -> tuple[list[ObjectState], list[SingleObject]]:
     """Where an object may be by its views at known cameras, the likeliest first, and the problems solved to find out.
 
@@ -60,6 +63,7 @@ def first_states(
         ObservationError: it is not known which way is up.
         InitialisationError: there are too few points, or no guess can be solved.
     """
+    config = config or InitialisationConfig()
     if builder.up_world is None:
         raise ObservationError("to place an object by its views, say which way is up (up_world=...)")
     states = guesses(prior, views, builder.up_world, builder.floor, config)
@@ -123,7 +127,7 @@ def free_points(views: Sequence[ObjectView]) -> Float[np.ndarray, "m 3"]:
         rays = view.rays
         free = ~rays.hit & (rays.end > rays.depth)
         p_camera = rays.directions_camera[free] * rays.depth[free, None]
-        points.append(transform_points(view.T_world_camera.matrix(), p_camera))
+        points.append(transformed(view.T_world_camera.matrix(), p_camera))
     return np.concatenate(points)
 
 

@@ -1,11 +1,13 @@
 """Colours: of methods and objects beside each other, and the one scale for standard deviations of surfaces."""
 
 from collections.abc import Iterable
+from typing import TYPE_CHECKING
 
-import matplotlib
 import numpy as np
 from jaxtyping import Float, UInt8
-from matplotlib.colors import Colormap, ListedColormap
+
+if TYPE_CHECKING:
+    from matplotlib.colors import Colormap
 
 COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000", "#8C564B")
 """Okabe and Ito's, which the colour-blind can tell apart."""
@@ -15,8 +17,11 @@ _DARKEST = 0.22
 """Where the scale begins on the colour map: what is below would be black in a shaded picture."""
 
 
-def sigma_colormap() -> Colormap:
+def sigma_colormap() -> "Colormap":
     """The scale's colours, least uncertain first."""
+    import matplotlib  # slow to import, and a map needs it only where it is drawn
+    from matplotlib.colors import ListedColormap
+
     return ListedColormap(matplotlib.colormaps[_COLORMAP](np.linspace(_DARKEST, 1, 256)))
 
 

@@ -1,14 +1,13 @@
 """From an estimate to an object of the map: its mesh, what is known of it, and where it is from."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
 
 from factors.state import ObjectState
 from objgraph.covariance.box import BoxPose, box_pose
-from objgraph.covariance.heading_modes import Turns
+from objgraph.covariance.heading_modes import HeadingModes
 from objgraph.covariance.labelled import ObjectCovariance
 from objgraph.covariance.surface import surface_sigma
 from objgraph.errors import SolveError
@@ -20,32 +19,26 @@ from objgraph.priors.mesh import extract_mesh
 from objgraph.priors.shape_prior import ShapePrior
 
 
-@dataclass(frozen=True)
-class Found(Estimate):
-    """An estimate that has a covariance."""
-
-    covariance: ObjectCovariance
-
-
-def found(estimate: Estimate, name: str) -> Found:
-    """The estimate with its covariance; raises SolveError where it has none."""
-    if estimate.covariance is None:
-        raise SolveError(f"{name}: the estimator gives no covariance, which the map needs")
-    return Found(**vars(estimate))
-
-
 def map_entry(
-    instance: Instance, prior: ShapePrior, estimate: Found, views: Sequence[ObjectView], resolution: int
+    instance: Instance,
+    prior: ShapePrior,
+    estimate: Estimate,
+    views: Sequence[ObjectView],
+    resolution: int = 64,
 ) -> MappedObject:
     """The object as the map has it, its mesh cut at `resolution` cells along an edge of the canonical cube.
 
     Raises:
-        SolveError: the code has no surface.
+        SolveError: the estimate has no covariance, or the code no surface.
     """
     state, covariance = estimate.state, estimate.covariance
+    if covariance is None:
+        raise SolveError(
+            f"{instance.category} {instance.id}: the estimator gives no covariance, which the map needs"
+        )
     mesh = extract_mesh(prior.decoder, state.code, resolution=resolution)
     vertices = np.asarray(mesh.vertices)
-    box = _calibrated_box(prior, estimate, vertices)
+    box = _calibrated_box(prior, estimate, covariance, vertices)
     return MappedObject(
         instance.id,
         instance.category,
@@ -75,21 +68,23 @@ def map_entry(
     )
 
 
-def _calibrated_box(prior: ShapePrior, estimate: Found, p_object: Float[np.ndarray, "v 3"]) -> BoxPose | None:
+def _calibrated_box(
+    prior: ShapePrior, estimate: Estimate, covariance: ObjectCovariance, p_object: Float[np.ndarray, "v 3"]
+) -> BoxPose | None:
     """The box and its covariance; None where nothing was measured of the prior, or not for such an estimator."""
     if not prior.is_calibrated or estimate.view_cost is None:
         return None
     return box_pose(
         prior,
         estimate.state,
-        estimate.covariance,
+        covariance,
         p_object,
         turns=estimate.turns,
         view_cost=estimate.view_cost,
     )
 
 
-def _turned(state: ObjectState, turns: Turns) -> Float[np.ndarray, "4 9+l"] | None:
+def _turned(state: ObjectState, turns: HeadingModes) -> Float[np.ndarray, "4 9+l"] | None:
     """As the map has them."""
     if not turns.states:
         return None

@@ -9,11 +9,11 @@ from pathlib import Path
 
 from objgraph.errors import ObjectGraphError, SolveError
 from objgraph.estimate.graph import GraphEstimator
-from objgraph.estimate.heading_modes import QuarterTurnsConfig
+from objgraph.estimate.heading_modes import HeadingModesConfig
 from objgraph.estimate.task import Estimate, EstimationTask
 from objgraph.graph.builder import GraphConfig
 from objgraph.graph.solve import SolverConfig
-from objgraph.maps.entry import found, map_entry
+from objgraph.maps.entry import map_entry
 from objgraph.maps.lidar_task import ROADS, LidarTaskConfig, task_of
 from objgraph.maps.mapped_object import MappedObject
 from objgraph.maps.object_map import ObjectMap
@@ -38,7 +38,7 @@ class LidarMappingConfig:
     task: LidarTaskConfig = field(default_factory=LidarTaskConfig)
     graph: GraphConfig = ROADS
     solver: SolverConfig = field(default_factory=SolverConfig)
-    turns: QuarterTurnsConfig | None = field(default_factory=QuarterTurnsConfig)
+    heading_modes: HeadingModesConfig | None = field(default_factory=HeadingModesConfig)
     """The search for other headings, where no detector said how the object stands."""
 
 
@@ -65,7 +65,7 @@ def map_lidar(
             tasks[detection.id] = task_of(frame, detection, prior, config.task, config.seed)
         except ObjectGraphError as error:
             entries[detection.id] = _failed(detection, error)
-    estimator = GraphEstimator(config.graph, config.solver, config.turns)
+    estimator = GraphEstimator(config.graph, config.solver, config.heading_modes)
     results = estimator.estimate(list(tasks.values()), lambda done, total: tell("solving", done, total))
     for done, ((number, task), result) in enumerate(zip(tasks.items(), results, strict=True), 1):
         entries[number] = _entry(frame.detection(number), task, result, config)
@@ -85,8 +85,7 @@ def _entry(
         if isinstance(result, SolveError):
             raise result
         instance = Instance(detection.id, detection.category)
-        estimate = found(result, task.name)
-        entry = map_entry(instance, task.prior, estimate, task.views, config.mesh_resolution)
+        entry = map_entry(instance, task.prior, result, task.views, config.mesh_resolution)
         return replace(entry, estimator="graph")
     except ObjectGraphError as error:
         return _failed(detection, error)

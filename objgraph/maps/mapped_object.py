@@ -10,7 +10,7 @@ from jaxtyping import Float, Int
 
 from factors.state import RIGID_DOF, ObjectState
 from objgraph.covariance.box import BOX_AXES
-from objgraph.covariance.heading_modes import Turns
+from objgraph.covariance.heading_modes import HeadingModes
 from objgraph.covariance.labelled import RIGID_AXES, ObjectCovariance
 from objgraph.errors import CovarianceError, MapError
 from objgraph.maps import checks as map_checks
@@ -149,17 +149,17 @@ class MappedObject:
         return ObjectState(gtsam.Pose3(self.T_world_object), np.log(self.scale), np.array(self.code))
 
     @property
-    def other_headings(self) -> Turns | None:
-        """`turns` and `turned`, for `box_pose` and `known_object`."""
+    def other_headings(self) -> HeadingModes | None:
+        """`turns` and `turned`, for `box_pose` and active vision's `target`."""
         if self.turns is None:
             return None
         if self.turned is None:
-            return Turns(self.turns)
+            return HeadingModes(self.turns)
         state = self.state
         states = [
             state.retract(row) if p > 0 else None for row, p in zip(self.turned, self.turns, strict=True)
         ]
-        return Turns(self.turns, tuple(states))
+        return HeadingModes(self.turns, tuple(states))
 
     @property
     def view_cost(self) -> float | None:

@@ -15,20 +15,20 @@ from jaxtyping import Float
 from objgraph.errors import InitialisationError, ObjectGraphError, ObservationError, SolveError
 from objgraph.estimate import AdamConfig, AdamEstimator
 from objgraph.estimate.graph import GraphEstimator
-from objgraph.estimate.heading_modes import QuarterTurnsConfig
-from objgraph.estimate.task import EstimationTask, Estimator
-from objgraph.geometry.transforms import transform_points
+from objgraph.estimate.heading_modes import HeadingModesConfig
+from objgraph.estimate.task import Estimate, EstimationTask, Estimator
+from objgraph.geometry.frames import transformed
 from objgraph.graph.builder import GraphConfig, ObjectBuilder
 from objgraph.graph.initialise import InitialisationConfig, first_states
 from objgraph.graph.solve import SolverConfig
-from objgraph.maps.entry import Found, found, map_entry
+from objgraph.maps.entry import map_entry
 from objgraph.maps.mapped_object import MappedObject
 from objgraph.maps.object_map import ObjectMap
 from objgraph.maps.other_estimate import OtherEstimate
 from objgraph.observation.floor import estimate_floor
 from objgraph.observation.frames import FrameSource, Instance, Scan
 from objgraph.observation.sampling import ObjectView, SamplingConfig, observe
-from objgraph.observation.view_selection import ViewConfig, ViewIndex, summarize
+from objgraph.observation.view_selection import ViewIndex, ViewSelectionConfig, summarize
 from objgraph.priors.registry import prior_for
 from objgraph.priors.shape_prior import ShapePrior
 from objgraph.priors.store import load_prior_file
@@ -51,12 +51,12 @@ class MappingConfig:
     """Cells along an edge of the canonical cube."""
     priors: tuple[str, ...] = ()
     """Your own priors, .safetensors files: each serves its category in place of the shipped one."""
-    view: ViewConfig = field(default_factory=ViewConfig)
+    view: ViewSelectionConfig = field(default_factory=ViewSelectionConfig)
     sampling: SamplingConfig = field(default_factory=SamplingConfig)
     initialisation: InitialisationConfig = field(default_factory=InitialisationConfig)
     graph: GraphConfig = field(default_factory=GraphConfig)
     solver: SolverConfig = field(default_factory=SolverConfig)
-    turns: QuarterTurnsConfig | None = field(default_factory=QuarterTurnsConfig)
+    heading_modes: HeadingModesConfig | None = field(default_factory=HeadingModesConfig)
     """The search for other headings; None takes the one that was found as the only one."""
     estimator: Literal["graph", "adam", "both"] = "graph"
     """Who estimates: the factor graph, the paper's gradient descent, or both; of both, the map takes the graph's
@@ -167,15 +167,16 @@ def map_object(
 
 def _estimators(config: MappingConfig) -> list[Estimator]:
     """The one whose estimate the map takes, then the one that stands beside it."""
-    graph, adam = GraphEstimator(config.graph, config.solver, config.turns), AdamEstimator(config.adam)
+    graph = GraphEstimator(config.graph, config.solver, config.heading_modes)
+    adam = AdamEstimator(config.adam)
     return {"graph": [graph], "adam": [adam], "both": [graph, adam]}[config.estimator]
 
 
-def _estimated(estimator: Estimator, task: EstimationTask) -> Found:
+def _estimated(estimator: Estimator, task: EstimationTask) -> Estimate:
     (result,) = estimator.estimate([task])
     if isinstance(result, SolveError):
         raise result
-    return found(result, task.name)
+    return result
 
 
 def _beside(estimator: Estimator, task: EstimationTask) -> OtherEstimate | None:
@@ -186,6 +187,7 @@ def _beside(estimator: Estimator, task: EstimationTask) -> OtherEstimate | None:
         log.warning("only one estimator succeeded: %s", error)
         return None
     state, covariance = estimate.state, estimate.covariance
+    assert covariance is not None  # both that a map can take give one
     return OtherEstimate(
         covariance.source,
         state.T_world_object.matrix(),
@@ -230,7 +232,7 @@ def scene_points(
         some = rng.permutation(len(v))[:pixels]
         v, u = v[some], u[some]
         p_camera = frame.intrinsics.backproject(u, v) * frame.depth[v, u, None]
-        points.append(transform_points(frame.T_world_camera, p_camera))
+        points.append(transformed(frame.T_world_camera, p_camera))
         if frame.color is not None:
             rows = np.minimum(v * frame.color.shape[0] // frame.intrinsics.height, frame.color.shape[0] - 1)
             columns = np.minimum(u * frame.color.shape[1] // frame.intrinsics.width, frame.color.shape[1] - 1)

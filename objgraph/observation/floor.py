@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.ndimage import maximum_filter1d, uniform_filter1d
 
-from objgraph.geometry.axes import level_axes
+from objgraph.geometry.frames import level_axes
 
 _CELL = 0.1
 _BIN = 0.01
@@ -59,8 +59,7 @@ def estimate_floor(
 
 def _ground_cells(points: Float[np.ndarray, "n 3"], up: Float[np.ndarray, "3"]) -> Int[np.ndarray, "n"]:
     """The number of the ground cell under each point."""
-    east, north = level_axes(up)
-    ground = np.stack([points @ east, points @ north], axis=1)
+    ground = np.stack([points @ axis for axis in level_axes(up)], axis=1)
     column, row = np.floor((ground - ground.min(axis=0)) / _CELL).astype(np.int64).T
     return column * (row.max() + 1) + row
 

@@ -8,7 +8,7 @@ from jaxtyping import Float
 
 from factors.rays import Rays
 from objgraph.errors import ObservationError
-from objgraph.geometry.transforms import transform_points
+from objgraph.geometry.frames import transformed
 from objgraph.observation.frames import Frame
 from objgraph.observation.masks import (
     check_mask,
@@ -58,8 +58,8 @@ class SamplingConfig:
     """Pixels by which a mask's outline errs."""
     flying: float = 0.06
     """A pixel whose depth differs by more (metres) from the median of its mask neighbours is between surfaces."""
-    patch: float = 0.2
-    """Metres: surface closer than this errs together, so each such patch is one independent measurement."""
+    correlation_length: float = 0.2
+    """Metres: surface closer than this errs together, so each cube of that size is one independent measurement."""
     noise: SensorNoise = SensorNoise()
 
 
@@ -74,17 +74,17 @@ class ObjectView:
     points_sigma: Float[np.ndarray, "n"]
     """The sensor's standard deviation at each."""
     rays: Rays
-    patch: float
-    """Edge of a patch of surface, metres: what lies within one errs together."""
+    correlation_length: float
+    """Metres: what of the surface lies within one cube of that size errs together."""
 
     @property
     def points_world(self) -> Float[np.ndarray, "n 3"]:
-        return transform_points(self.T_world_camera.matrix(), self.points_camera)
+        return transformed(self.T_world_camera.matrix(), self.points_camera)
 
     @property
     def points_share(self) -> Float[np.ndarray, "n"]:
         """The part of an independent measurement that each surface point is."""
-        return patch_shares(self.points_camera, self.patch, most=0.25)
+        return independent_shares(self.points_camera, self.correlation_length, most=0.25)
 
     @property
     def rays_share(self) -> Float[np.ndarray, "r"]:
@@ -92,8 +92,8 @@ class ObjectView:
         rays = self.rays
         at = rays.directions_camera * rays.depth[:, None]
         share = np.empty(len(at))
-        share[rays.hit] = patch_shares(at[rays.hit], self.patch, most=0.25)
-        share[~rays.hit] = patch_shares(at[~rays.hit], self.patch, most=1.0)
+        share[rays.hit] = independent_shares(at[rays.hit], self.correlation_length, most=0.25)
+        share[~rays.hit] = independent_shares(at[~rays.hit], self.correlation_length, most=1.0)
         return share
 
     def at(self, T_world_camera: gtsam.Pose3) -> "ObjectView":
@@ -107,7 +107,7 @@ class ObjectView:
         few = rng.permutation(len(self.rays.depth))[:rays]
         return ObjectView(
             self.frame, self.T_world_camera, self.points_camera[some], self.points_sigma[some],
-            self.rays.take(few), self.patch,
+            self.rays.take(few), self.correlation_length,
         )  # fmt: skip
 
 
@@ -166,11 +166,11 @@ def observe(frame: Frame, instance: int, config: SamplingConfig | None = None, s
         points[chosen],
         config.noise(points[chosen, 2]),
         rays,
-        config.patch,
+        config.correlation_length,
     )
 
 
-def patch_shares(points: Float[np.ndarray, "n 3"], edge: float, most: float) -> Float[np.ndarray, "n"]:
+def independent_shares(points: Float[np.ndarray, "n 3"], edge: float, most: float) -> Float[np.ndarray, "n"]:
     """The part of an independent measurement that each point is, if all within a cube of that edge are one.
 
     No point is more than `most`: a stray one must not speak for a whole patch.

@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from objgraph.errors import ObservationError
-from objgraph.geometry.transforms import transform_points
+from objgraph.geometry.frames import transformed
 from objgraph.observation.frames import Frame, FrameSource
 
 _REFERENCE_PIXELS = 640 * 480
@@ -15,7 +15,7 @@ _VOXEL_BITS = 21
 
 
 @dataclass(frozen=True)
-class ViewConfig:
+class ViewSelectionConfig:
     """The rule of view selection; see `ViewIndex.select`."""
 
     min_pixels: int = 1500
@@ -53,7 +53,7 @@ class InstanceView:
 class ViewIndex:
     """Summaries of all frames of a scan by instance: views are chosen without reading a frame again."""
 
-    def __init__(self, views: Mapping[int, Sequence[InstanceView]], config: ViewConfig) -> None:
+    def __init__(self, views: Mapping[int, Sequence[InstanceView]], config: ViewSelectionConfig) -> None:
         self.views = views
         self.config = config
 
@@ -97,14 +97,14 @@ class ViewIndex:
 
 def summarize(
     frames: FrameSource,
-    config: ViewConfig | None = None,
+    config: ViewSelectionConfig | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> ViewIndex:
     """Read every frame once and summarise what it sees of every instance.
 
     `progress` is called after each frame with the number read and the number of all.
     """
-    config = config or ViewConfig()
+    config = config or ViewSelectionConfig()
     views: dict[int, list[InstanceView]] = {}
     for index in range(len(frames)):
         for instance_id, view in _summarize_frame(index, frames[index], config):
@@ -114,14 +114,7 @@ def summarize(
     return ViewIndex(views, config)
 
 
-def select_views(
-    frames: FrameSource, instance_id: int, count: int, config: ViewConfig | None = None
-) -> list[int]:
-    """The rule of `ViewIndex.select` for one instance; for several, `summarize` once and select from that."""
-    return summarize(frames, config).select(instance_id, count)
-
-
-def _summarize_frame(index: int, frame: Frame, config: ViewConfig) -> list[tuple[int, InstanceView]]:
+def _summarize_frame(index: int, frame: Frame, config: ViewSelectionConfig) -> list[tuple[int, InstanceView]]:
     """What a frame sees of each instance of which it has pixels with depth."""
     depth, masks = frame.depth, frame.instances
     if not np.isfinite(frame.T_world_camera).all():
@@ -130,7 +123,7 @@ def _summarize_frame(index: int, frame: Frame, config: ViewConfig) -> list[tuple
     v, u = np.nonzero((depth > 0) & (depth < config.max_depth) & (masks > 0))
     p_camera = frame.intrinsics.backproject(u, v) * depth[v, u, None]
     T_world_camera = frame.T_world_camera
-    p_world = transform_points(T_world_camera, p_camera)
+    p_world = transformed(T_world_camera, p_camera)
     ids = masks[v, u]
     areas = np.bincount(masks[masks > 0])
     cuts = np.bincount(masks[_edge(depth.shape, config.border) & (masks > 0)], minlength=len(areas))

@@ -8,11 +8,10 @@ import numpy as np
 import torch
 import trimesh
 from jaxtyping import Bool, Float, Int
-from skimage import measure
 
 from factors.sdf_decoder import SdfDecoder
 from objgraph.errors import SolveError
-from objgraph.geometry.transforms import transform_points
+from objgraph.geometry.frames import transformed
 
 _LOG = logging.getLogger(__name__)
 _BLOCKS = (8, 4, 2)
@@ -111,7 +110,7 @@ def to_world(
         raise SolveError(
             f"a mesh is placed by a 4x4 matrix and 3 positive scales, not by {T.shape} and {scale.tolist()}"
         )
-    vertices = transform_points(T, np.asarray(mesh.vertices) * scale)
+    vertices = transformed(T, np.asarray(mesh.vertices) * scale)
     return trimesh.Trimesh(vertices, np.asarray(mesh.faces), process=False)
 
 
@@ -189,6 +188,8 @@ def _closed_at_border(grid: Float[np.ndarray, "g g g"]) -> Float[np.ndarray, "g 
 
 def _marching_cubes(grid: Float[np.ndarray, "g g g"], bound: float) -> trimesh.Trimesh:
     h = 2 * bound / (len(grid) - 1)
+    from skimage import measure  # slow to import, and of use only here
+
     vertices, faces, _, _ = measure.marching_cubes(grid, 0.0, spacing=(h, h, h), gradient_direction="descent")
     return trimesh.Trimesh(vertices.astype(float) - bound, faces, process=True)
 

@@ -147,11 +147,6 @@ def digest(tensors: dict[str, Tensor]) -> str:
     return sha.hexdigest()
 
 
-def card_of(path: Path) -> dict[str, Any]:
-    """The model card of a prior's file."""
-    return load_prior_file(path).card
-
-
 _DECODERS = {
     "smooth": (Decoder, DecoderConfig),
     "deepsdf": (DeepSdfDecoder, DeepSdfConfig),

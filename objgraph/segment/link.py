@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Int
 from scipy.optimize import linear_sum_assignment
 
-from objgraph.geometry.transforms import transform_points
+from objgraph.geometry.frames import transformed
 from objgraph.observation.frames import Frame, FrameSource
 
 Voxels = frozenset[tuple[int, int, int]]
@@ -126,6 +126,6 @@ def _voxels(frame: Frame, number: int, config: LinkConfig) -> set[tuple[int, int
     inner = cv2.erode(mask, np.ones((size, size), np.uint8)) if config.border else mask
     v, u = np.nonzero((inner > 0) & (frame.depth > 0) & (frame.depth < config.max_depth))
     p_camera = frame.intrinsics.backproject(u, v) * frame.depth[v, u, None]
-    p_world = transform_points(frame.T_world_camera, p_camera)
+    p_world = transformed(frame.T_world_camera, p_camera)
     cells, counts = np.unique(np.floor(p_world / config.voxel).astype(int), axis=0, return_counts=True)
     return {(int(x), int(y), int(z)) for x, y, z in cells[counts > 1]}

@@ -3,7 +3,7 @@
 import numpy as np
 from jaxtyping import Float
 
-from objgraph.geometry.transforms import look_at
+from objgraph.geometry.frames import look_at
 from objgraph.observation.frames import Intrinsics
 from objgraph.show.raster import Camera
 from objgraph.show.summary import heading_zero

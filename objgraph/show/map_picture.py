@@ -18,7 +18,7 @@ from objgraph.maps.object_map import ObjectMap
 from objgraph.observation.frames import Intrinsics
 from objgraph.show import figure, raster
 from objgraph.show import framing as views
-from objgraph.show.summary import heading, heading_zero
+from objgraph.show.summary import heading_zero
 
 _BACKGROUND = np.ones(3)
 _OVERSAMPLING = 2
@@ -86,48 +86,6 @@ def map_picture(
 def _name(entry: MappedObject) -> str:
     fallback = entry.prior is not None and entry.prior.fallback
     return f"{entry.category} {entry.id}{' (fallback)' if fallback else ''}"
-
-
-def object_picture(
-    entry: MappedObject,
-    points_world: Float[np.ndarray, "n 3"],
-    colors: Float[np.ndarray, "n 3"] | None,
-    up_world: Float[np.ndarray, "3"],
-    path: Path | str,
-    *,
-    width: int = 1200,
-    point_radius: float = 0.006,
-) -> None:
-    """Write a PNG of one object: its observed points beside its mesh, from its front and from behind.
-
-    Raises:
-        MapError: the object has no mesh or pose, or points and colours do not fit.
-    """
-    if entry.vertices is None or entry.T_world_object is None:
-        raise MapError(
-            f"object {entry.id} ({entry.category}) has no mesh to draw: {entry.reason or 'none given'}"
-        )
-    cloud = _checked_cloud(points_world, colors, up_world)
-    limit = sigma_limit([entry.vertex_sigma])
-    surface = _surface(entry, 0, limit)
-    size = (width * 29 // 100, width * 29 // 100)
-    front = heading(entry.T_world_object, up_world)
-    cameras = [
-        views.framing_camera(
-            _vertices(entry),
-            views.oblique_direction(up_world, front + np.radians(turn), np.radians(22)),
-            up_world,
-            _intrinsics(size),
-        )
-        for turn in (35, 215)
-    ]
-    sheet, axes, bar = figure.panels(width, size, 3, _name(entry), limit)
-    nothing = _Cloud(np.empty((0, 3)), np.empty((0, 3)), point_radius)
-    seen = _Cloud(cloud.points, cloud.colors, point_radius)
-    figure.show(axes[0], _render(cameras[0], seen, []), f"{len(cloud.points)} observed points")
-    figure.show(axes[1], _render(cameras[0], nothing, [surface]), "estimate, from the front")
-    figure.show(axes[2], _render(cameras[1], nothing, [surface]), "from behind")
-    figure.finish(sheet, bar, limit, Path(path))
 
 
 def _vertices(entry: MappedObject) -> Float[np.ndarray, "v 3"]:

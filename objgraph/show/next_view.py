@@ -9,8 +9,8 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
 from objgraph.active.next_view import Criterion, ViewGain
-from objgraph.active.target import KnownObject
-from objgraph.geometry.axes import level_axes
+from objgraph.active.target import Target
+from objgraph.geometry.frames import level_axes
 from objgraph.maps.colors import sigma_colors, sigma_limit
 from objgraph.show.figure import finish
 
@@ -25,7 +25,7 @@ UNITS: dict[Criterion, float] = {"corners": 1e4, "information": 1.0, "pose": 1.0
 
 
 def sphere_picture(
-    known: KnownObject,
+    target: Target,
     sigma: Float[np.ndarray, "m"],
     views: Sequence[ViewGain],
     up_world: Float[np.ndarray, "3"],
@@ -35,7 +35,7 @@ def sphere_picture(
 ) -> None:
     """The object's points by their standard deviation and the candidates about it by what they are expected to tell.
 
-    `sigma` (metres) is of `known.points`; `views` are ranked, the first is marked; so are those the estimate is made from.
+    `sigma` (metres) is of `target.points`; `views` are ranked, the first is marked; so are those the estimate is made from.
     """
     up = np.asarray(up_world, float)
     axes = np.stack([*level_axes(up), up])
@@ -48,17 +48,17 @@ def sphere_picture(
         ((20, -60, "from the side"), (89, -90, "from above"))
     ):
         axis = figure.add_subplot(1, 2, column + 1, projection="3d", computed_zorder=False)
-        points = (known.points - known.centre) @ axes.T
+        points = (target.points - target.centre) @ axes.T
         axis.scatter(*points.T, c=sigma_colors(sigma, limit) / 255.0, s=5, depthshade=False)
-        dots = (eyes - known.centre) @ axes.T
+        dots = (eyes - target.centre) @ axes.T
         shown = axis.scatter(
             *dots.T, c=gains, norm=scale, cmap="viridis", s=36, depthshade=False, edgecolors="0.4"
         )
         axis.scatter(
             *dots[:1].T, s=260, facecolors="none", edgecolors="red", linewidths=2.0, depthshade=False
         )
-        if known.seen_from:
-            seen = (np.array([camera.translation() for camera in known.seen_from]) - known.centre) @ axes.T
+        if target.seen_from:
+            seen = (np.array([camera.translation() for camera in target.seen_from]) - target.centre) @ axes.T
             axis.scatter(*seen.T, marker="x", c="black", s=70, depthshade=False)
         aspect = np.ptp(np.concatenate([points, dots]), axis=0).clip(0.3)
         axis.set_box_aspect(aspect, zoom=1.25)  # pyright: ignore[reportArgumentType]
@@ -68,7 +68,7 @@ def sphere_picture(
     figure.subplots_adjust(left=0.0, right=0.9, bottom=-0.06, top=0.98, wspace=0.0)
     bar = figure.colorbar(shown, cax=figure.add_axes((0.92, 0.15, 0.015, 0.6)))
     bar.set_label(LABELS[criterion], fontsize=9)
-    figure.text(0.02, 0.94, f"{known.name}: where to look next", fontsize=14, weight="bold", va="center")
+    figure.text(0.02, 0.94, f"{target.name}: where to look next", fontsize=14, weight="bold", va="center")
     figure.text(
         0.02, 0.885, f"ring: the next best view; crosses: views so far; the object's points: blue certain, "
         f"yellow {100 * limit:.1f} cm or more", fontsize=9, color="0.35", va="center",

@@ -7,7 +7,7 @@ import numpy as np
 import open3d as o3d
 from jaxtyping import Bool, Float, Int
 
-from objgraph.geometry.transforms import transform_points_back
+from objgraph.geometry.frames import transformed_back
 from objgraph.observation.frames import Intrinsics
 
 _AMBIENT = 0.5
@@ -47,7 +47,7 @@ class Layer:
 
 def project(camera: Camera, p_world: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
     """Pixel coordinates and z-depth (u, v, z); what is behind the camera has z <= 0 and no meaning in u, v."""
-    p_camera = transform_points_back(camera.T_world_camera, p_world)
+    p_camera = transformed_back(camera.T_world_camera, p_world)
     safe = np.where(p_camera[:, 2:] > 1e-6, p_camera[:, 2:], 1.0)
     uv = camera.intrinsics.project(np.concatenate([p_camera[:, :2], safe], axis=1))
     return np.concatenate([uv, p_camera[:, 2:]], axis=1)

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.ndimage import gaussian_filter1d
 
-from objgraph.geometry.transforms import look_at
+from objgraph.geometry.frames import look_at
 
 
 @dataclass(frozen=True)

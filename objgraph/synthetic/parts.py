@@ -7,7 +7,8 @@ import trimesh
 from jaxtyping import Float, Int
 from numpy.typing import ArrayLike
 
-from objgraph.geometry.axes import farthest_axis
+from objgraph.geometry.frames import perpendicular
+from objgraph.geometry.meshes import signed_volume
 
 Point = Sequence[float]
 
@@ -34,7 +35,7 @@ def beam(path: ArrayLike, radii: ArrayLike, sections: int = 10) -> trimesh.Trime
     tangents = np.gradient(points, axis=0)
     tangents /= np.linalg.norm(tangents, axis=1, keepdims=True)
     angles = 2 * np.pi * (np.arange(sections) + 0.5) / sections
-    side = np.cross(tangents[0], farthest_axis(tangents[0]))
+    side = perpendicular(tangents[0])
     rings = []
     for point, tangent, r in zip(points, tangents, radius, strict=True):
         # the last ring's axes, carried along without twisting
@@ -86,7 +87,7 @@ def oval(half_x: float, half_z: float, bottom: float, top: float, power: float =
 def join(parts: Sequence[trimesh.Trimesh]) -> trimesh.Trimesh:
     """One mesh of all parts, each with its normals outwards; parts may overlap."""
     for part in parts:
-        if part.volume < 0:
+        if signed_volume(part) < 0:
             part.invert()
     offsets = np.cumsum([0] + [len(part.vertices) for part in parts])
     faces = [part.faces + offset for part, offset in zip(parts, offsets, strict=False)]

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from objgraph.atomic_folder import ensure_whole, write_whole
+from objgraph.atomic_folder import ensure_folder, write_folder
 from objgraph.synthetic.camera import CameraConfig, camera_matrix, camera_path
 from objgraph.synthetic.files import write_frame, write_ground_truth, write_scan_description
 from objgraph.synthetic.render import Renderer
@@ -44,7 +44,7 @@ def generate_sample(root: Path, config: SampleConfig = _DEFAULT) -> Path:
     `root` then holds `scannet/scans/NAME`, `scan2cad/full_annotations.json` and `shapenet/ShapeNetCore.v2`. It
     appears complete or not at all. Raises `DatasetError` when `root` is in use or the room too small.
     """
-    return write_whole(root, lambda folder: _write_sample(folder, config))
+    return write_folder(root, lambda folder: _write_sample(folder, config))
 
 
 def ensure_sample(cache: Path, config: SampleConfig = _DEFAULT) -> Path:
@@ -53,7 +53,7 @@ def ensure_sample(cache: Path, config: SampleConfig = _DEFAULT) -> Path:
     The folder's name holds a digest of the configuration, so that no other sample is taken for it.
     """
     root = cache / f"sample-{_digest(config)}"
-    return ensure_whole(root, _RECORD, lambda folder: _write_sample(folder, config))
+    return ensure_folder(root, _RECORD, lambda folder: _write_sample(folder, config))
 
 
 def _write_sample(root: Path, config: SampleConfig) -> None:

@@ -7,7 +7,7 @@ import trimesh
 from jaxtyping import Float
 
 from objgraph.errors import DatasetError
-from objgraph.geometry.transforms import transform_points
+from objgraph.geometry.frames import transformed
 from objgraph.synthetic.furniture import FAMILIES, Category, Furniture, make_furniture
 
 _SEAT_TRIES = 400
@@ -45,14 +45,14 @@ class PlacedFurniture:
     @property
     def p_world(self) -> Float[np.ndarray, "v 3"]:
         p_metric = self.scale * self.piece.mesh.vertices
-        return transform_points(self.T_world_object, p_metric)
+        return transformed(self.T_world_object, p_metric)
 
     @property
     def footprint(self) -> Float[np.ndarray, "4 2"]:
         """Corners of the oriented box, seen from above, widened by the gap kept to others."""
         half = self.scale * self.piece.mesh.extents / 2 + _GAP_M / 2
         corners = np.array([[x, 0.0, z] for x, z in ((-1, -1), (1, -1), (1, 1), (-1, 1))]) * half
-        return transform_points(self.T_world_object, corners)[:, :2]
+        return transformed(self.T_world_object, corners)[:, :2]
 
 
 def furnish(config: RoomConfig, rng: np.random.Generator) -> list[PlacedFurniture]:
@@ -122,7 +122,7 @@ def _settle(
     half = np.array(config.size_m) / 2
     low, high = (-_MIDDLE * half, _MIDDLE * half) if in_middle else (-half * [1, _NEAR_SIDE], half)
     for _ in range(_FREE_TRIES):
-        candidate = stand(piece, scale, rng.uniform(low, high), rng.uniform(-np.pi, np.pi))
+        candidate = _stand(piece, scale, rng.uniform(low, high), rng.uniform(-np.pi, np.pi))
         if _free(candidate, placed, config):
             return candidate
     raise _no_room(piece, config)
@@ -143,7 +143,7 @@ def _seat(
     for distance in np.linspace(0.3, 2.0, _SEAT_TRIES):
         out = np.array([np.cos(bearing), np.sin(bearing)])
         # at yaw 0 the front, -z, looks along world +y
-        candidate = stand(piece, scale, table[:2, 3] + distance * out, bearing + np.pi / 2 + turn)
+        candidate = _stand(piece, scale, table[:2, 3] + distance * out, bearing + np.pi / 2 + turn)
         if _free(candidate, placed, config):
             return candidate
     raise _no_room(piece, config)
@@ -156,8 +156,7 @@ def _draw_scale(piece: Furniture, config: RoomConfig, rng: np.random.Generator) 
     return piece.diagonal_m * stretch
 
 
-def stand(piece: Furniture, scale: np.ndarray, at: np.ndarray, yaw: float) -> PlacedFurniture:
-    """The piece on the floor at (x, y), turned by `yaw` about z; at 0 its front looks along +y."""
+def _stand(piece: Furniture, scale: np.ndarray, at: np.ndarray, yaw: float) -> PlacedFurniture:
     c, s = np.cos(yaw), np.sin(yaw)
     T = np.eye(4)
     T[:3, :3] = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]]) @ _UPRIGHT

@@ -17,8 +17,8 @@ import trimesh
 from jaxtyping import Float
 from matplotlib.colors import hsv_to_rgb
 
-from objgraph.atomic_folder import ensure_whole
-from objgraph.geometry.transforms import transform_points
+from objgraph.atomic_folder import ensure_folder
+from objgraph.geometry.frames import transformed
 from objgraph.observation.lidar.kitti_box import KittiBox
 from objgraph.training.families import FAMILIES
 
@@ -74,7 +74,7 @@ def ensure_street(cache: Path, config: StreetConfig = _DEFAULT) -> Path:
     """The root of the street under `cache`, generated when it is not there yet."""
     record = json.dumps([_VERSION, dataclasses.asdict(config)], sort_keys=True)
     root = cache / f"street-{hashlib.sha256(record.encode()).hexdigest()[:12]}"
-    return ensure_whole(root, _RECORD, lambda folder: _write(folder, config))
+    return ensure_folder(root, _RECORD, lambda folder: _write(folder, config))
 
 
 def _write(root: Path, config: StreetConfig) -> None:
@@ -120,7 +120,8 @@ def _cars(road: Float[np.ndarray, "3"], count: int, rng: np.random.Generator) ->
         box = KittiBox("Car", 0.0, 0, np.zeros(4), height, width, length, bottom, yaw, None)
         mesh = FAMILIES["car"][str(rng.choice(_KINDS))](rng)
         p_object = (mesh.vertices - mesh.bounds.mean(axis=0)) / mesh.extents * box.size
-        p_rect = transform_points(box.T_rect_object, p_object)
+        T = box.T_rect_object
+        p_rect = transformed(T, p_object)
         cars.append(_Car(dataclasses.replace(box, image_box=_image_box(p_rect)), p_rect, mesh.faces))
     return cars
 

@@ -6,6 +6,7 @@ import numpy as np
 import trimesh
 
 from objgraph.errors import PriorError
+from objgraph.geometry.meshes import signed_volume
 from objgraph.training.solid import Shell, Solid, SolidDistance
 
 
@@ -44,7 +45,7 @@ def _trimmed(mesh: trimesh.Trimesh, height: float, upper: bool, name: str) -> tr
     if not mesh.is_winding_consistent:
         mesh = mesh.copy()
         trimesh.repair.fix_winding(mesh)
-    faces = mesh.faces if mesh.volume > 0 else mesh.faces[:, ::-1]
+    faces = mesh.faces if signed_volume(mesh) > 0 else mesh.faces[:, ::-1]
     body = manifold3d.Manifold(
         manifold3d.Mesh64(
             np.ascontiguousarray(mesh.vertices, np.float64), np.ascontiguousarray(faces, np.uint64)

@@ -20,7 +20,7 @@ from objgraph.training.code_search import SearchConfig, sample_rows, search
 from objgraph.training.mesh_folder import ChosenMeshes
 from objgraph.training.partial import PartialConfig, fit_view
 from objgraph.training.samples import SampleConfig, sample_solid
-from objgraph.training.single_view import ViewConfig, take_view
+from objgraph.training.single_view import SingleViewConfig, take_view
 from objgraph.training.solid import Solid
 from objgraph.training.stretch import multiplied, to_decoder
 from objgraph.training.true_shape import ShapeScore, TrueShape, read_solid, volume_iou
@@ -47,7 +47,7 @@ class PriorEvaluationConfig:
     """The full fit's search for a code."""
     partial: PartialConfig = field(default_factory=PartialConfig)
     """The fit to one view."""
-    view: ViewConfig = field(default_factory=ViewConfig)
+    view: SingleViewConfig = field(default_factory=SingleViewConfig)
     """The one view."""
 
 

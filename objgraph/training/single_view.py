@@ -10,7 +10,6 @@ from scipy import ndimage
 from scipy.spatial import cKDTree
 
 from objgraph.errors import PriorError
-from objgraph.geometry.axes import camera_axes
 from objgraph.training.solid import Solid
 
 _RADIUS = 0.5
@@ -18,7 +17,7 @@ _RADIUS = 0.5
 
 
 @dataclass(frozen=True)
-class ViewConfig:
+class SingleViewConfig:
     """From where a shape is looked at. Lengths in canonical units, angles in degrees."""
 
     width: int = 240
@@ -56,7 +55,7 @@ class DepthView:
         return float(np.linalg.norm(self.directions[0, 1] - self.directions[0, 0]) * np.linalg.norm(self.eye))
 
 
-def take_view(solid: Solid, seed: int = 0, config: ViewConfig | None = None) -> DepthView:
+def take_view(solid: Solid, seed: int = 0, config: SingleViewConfig | None = None) -> DepthView:
     """A picture from an azimuth, elevation and distance that the solid's name and the seed decide.
 
     The azimuth is uniform on the circle; the ball about the shape fills the picture's height.
@@ -64,7 +63,7 @@ def take_view(solid: Solid, seed: int = 0, config: ViewConfig | None = None) -> 
     Raises:
         PriorError: nothing of the solid is seen.
     """
-    config = config or ViewConfig()
+    config = config or SingleViewConfig()
     name = hashlib.sha256(solid.name.encode()).digest()
     rng = np.random.default_rng([seed, int.from_bytes(name[:8])])
     azimuth, elevation = rng.uniform(0, 2 * np.pi), np.radians(rng.uniform(*config.elevation))
@@ -110,10 +109,12 @@ def free_points(
 
 
 def _directions(
-    toward: Float[np.ndarray, "3"], distance: float, config: ViewConfig
+    toward: Float[np.ndarray, "3"], distance: float, config: SingleViewConfig
 ) -> Float[np.ndarray, "h w 3"]:
     forward = -toward
-    right, down, _ = camera_axes(forward, np.array([0.0, 1.0, 0.0])).T
+    right = np.cross(forward, [0.0, 1.0, 0.0])
+    right /= np.linalg.norm(right)
+    down = np.cross(forward, right)
     step = 2 * np.tan(np.arcsin(_RADIUS / distance)) / config.height
     v, u = np.mgrid[: config.height, : config.width]
     x, y = (u - (config.width - 1) / 2) * step, (v - (config.height - 1) / 2) * step

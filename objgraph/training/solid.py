@@ -15,6 +15,7 @@ import trimesh
 from jaxtyping import Bool, Float
 
 from objgraph.errors import PriorError
+from objgraph.geometry.meshes import signed_volume
 
 SHEET_HALF_THICKNESS = 0.003
 """Half the thickness given to single sheets, in canonical units: some 3 mm on a chair."""
@@ -152,7 +153,7 @@ def solidify(mesh: trimesh.Trimesh, name: str) -> Solid:
     if len(mesh.faces) == 0 or not np.isfinite(mesh.vertices).all():
         raise PriorError(f"mesh {name} is empty or has vertices that are not finite: leave it out")
     components = mesh.split(only_watertight=False, repair=True)
-    closed = [part for part in components if part.is_watertight and abs(part.volume) > 1e-9]
+    closed = [part for part in components if part.is_watertight and abs(signed_volume(part)) > 1e-9]
     if len(closed) > _MAX_CLOSED_COMPONENTS:
         closed = []
     rest = [part for part in components if not any(part is c for c in closed)]

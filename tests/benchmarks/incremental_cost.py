@@ -26,7 +26,7 @@ from objgraph.graph.builder import ObjectBuilder
 from objgraph.graph.solve import solve
 from objgraph.observation.frames import Frame, Instance
 from objgraph.observation.sampling import ObjectView, observe
-from objgraph.slam.incremental import object_graph
+from objgraph.slam.incremental import front_end
 from objgraph.slam.incremental.object_graph import IncrementalObjectGraph
 from objgraph.slam.incremental.tracked import TrackedObject, linearize
 from objgraph.slam.odometry import OdometryNoise
@@ -158,9 +158,9 @@ def updates(objects: IncrementalObjectGraph, whole: Corridor) -> list[dict[str, 
         "smoother", system.smoother, "update", "marginal_factors", "covariance", "pose", "vector", "has"
     )
     clock.watch("local", system, "solved")
-    clock.watch("upkeep", objects, "_keep_current")
-    update, associate = clock.timed("rest", objects.update), object_graph.associate
-    clock.watch("association", object_graph, "associate")
+    clock.watch("upkeep", objects, "keep_current")
+    update, associate = clock.timed("rest", objects.update), front_end.associate
+    clock.watch("association", front_end, "associate")
     try:
         for k in range(SEEN):
             frame, near = whole.picture(-1.5 - 0.02 * k, 10_000 + k)
@@ -173,7 +173,7 @@ def updates(objects: IncrementalObjectGraph, whole: Corridor) -> list[dict[str, 
             if not report.entered and not report.pending:
                 spent.append({**clock.seconds, "update": sum(clock.seconds.values())})
     finally:
-        object_graph.associate = associate
+        front_end.associate = associate
     return spent
 
 

@@ -6,6 +6,7 @@ import torch
 from hypothesis import given
 from torch import nn
 
+from factors import affine as affine_module
 from factors.affine import affine
 
 
@@ -64,3 +65,31 @@ def test_autocast_has_its_way() -> None:
     x, weight = drawn(0, 7, 50), drawn(1, 30, 50)
     with torch.autocast("cpu", torch.bfloat16):
         assert affine(x, weight).dtype == torch.bfloat16
+
+
+def missing(*_):
+    raise AttributeError("'_OpNamespace' 'mkldnn' object has no attribute '_linear_pointwise'")
+
+
+def changed(x, weight, bias):
+    return x @ weight.T  # forgets the bias
+
+
+@pytest.mark.parametrize("product", [missing, changed])
+def test_without_the_operator_layers_are_torch_s_own(product, monkeypatch) -> None:
+    """A private operator may go or change with a release of torch."""
+    monkeypatch.setattr(affine_module, "_product", product)
+    affine_module._has_onednn.cache_clear()
+    try:
+        x, weight, bias = (
+            drawn(i, *shape).requires_grad_() for i, shape in enumerate(((7, 5), (3, 5), (3,)))
+        )
+        assert not affine_module._has_onednn()
+        found = affine(x, weight, bias)
+        torch.testing.assert_close(found, nn.functional.linear(x, weight, bias))
+        torch.testing.assert_close(
+            torch.autograd.grad(found.sum(), [x, weight, bias]),
+            torch.autograd.grad(nn.functional.linear(x, weight, bias).sum(), [x, weight, bias]),
+        )
+    finally:
+        affine_module._has_onednn.cache_clear()

@@ -104,7 +104,7 @@ def test_rendered_quantity_jacobian(kind, camera):
     factor, values = problem(kind, camera, seed=9)
     query = factor.query(values)
     value = factor.decoder(query.p_object, query.code[None])
-    rendered = factor._render(query, value)
+    rendered = factor._render(query, value).rows
     scale = 1.0
     if kind == "depth-paper":  # rows are sqrt(w) * (mean - observed): compare the mean itself
         error = _mean_depth(factor, values)
@@ -115,7 +115,9 @@ def test_rendered_quantity_jacobian(kind, camera):
             return _mean_depth(factor, at).numpy()
         query = factor.query(at)
         return (
-            factor._render(query, factor.decoder(query.p_object, query.code[None])).residual.numpy().ravel()
+            factor._render(query, factor.decoder(query.p_object, query.code[None]))
+            .rows.residual.numpy()
+            .ravel()
         )
 
     jet = factor.decoder.linearize(query.p_object[factor.active(query, value)], query.code[None])

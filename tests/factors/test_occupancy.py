@@ -5,12 +5,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import quad
 from scipy.special import expit
-from scipy.stats import beta, norm
+from scipy.stats import norm
 
 from factors.occupancy import (
     PROBIT_SCALE,
     OccupancyMoments,
-    beta_parameters,
     depth_mean,
     depth_mean_gradient,
     depth_moments,
@@ -19,7 +18,6 @@ from factors.occupancy import (
     quadrature_moments,
     sobol_moments,
     termination,
-    termination_moments,
     total_depth_variance,
 )
 
@@ -103,40 +101,6 @@ def test_depth_gradient_is_autograds():
     torch.testing.assert_close(depth_mean_gradient(occupancy.detach(), depth, escape), expected)
 
 
-def _terminations(seed, slope):
-    """A million draws of the termination probabilities of one ray's six samples and its escape, and their moments."""
-    rng = np.random.default_rng(seed)
-    mu = np.linspace(0.04, -0.03, 6) + 0.01 * rng.normal(size=6)
-    sigma = rng.uniform(0.005, 0.02, 6)
-    drawn, passed = np.empty((1_000_000, 7)), np.ones(1_000_000)
-    for i in range(6):
-        o = expit(-slope * (mu[i] + sigma[i] * rng.normal(size=len(passed))))
-        drawn[:, i], passed = o * passed, passed * (1 - o)
-    drawn[:, 6] = passed
-    occupancy = quadrature_moments(torch.as_tensor(mu)[None], torch.as_tensor(sigma)[None], slope)
-    return drawn, termination_moments(occupancy)
-
-
-@pytest.mark.parametrize("slope", [60.0, SLOPE])
-@pytest.mark.parametrize("seed", [0, 1, 2])
-def test_termination_moments_and_beta_are_those_of_a_million_draws(seed, slope):
-    drawn, moments = _terminations(seed, slope)
-    mean, second = moments.mean[0].numpy(), moments.second[0].numpy()
-    error = drawn.std(axis=0) / 1000
-    np.testing.assert_allclose(mean, drawn.mean(axis=0), atol=6 * error.max())
-    error = np.square(drawn).std(axis=0) / 1000
-    np.testing.assert_allclose(second, np.square(drawn).mean(axis=0), atol=6 * error.max())
-    a, b = (each[0].numpy() for each in beta_parameters(moments))
-    # at the steep slope an event that hardly ever or nearly always happens is shaped like no Beta
-    likely = (mean > 0.01 if slope < 100 else mean > 0.15) & (mean < 0.85)
-    assert likely.any() or seed == 0
-    rank = np.arange(1, 1_000_001, 250)
-    for i in np.flatnonzero(likely):
-        at = np.sort(drawn[:, i])[rank - 1]
-        distance = np.abs(beta.cdf(at, a[i], b[i]) - rank / 1_000_000).max()
-        assert distance < (0.1 if slope < 100 else 0.4)
-
-
 occupancies = st.lists(st.tuples(st.floats(0, 1), st.floats(0, 1)), min_size=1, max_size=12)
 
 
@@ -147,26 +111,11 @@ def _moments(drawn: list[tuple[float, float]]) -> OccupancyMoments:
 
 
 @given(occupancies)
-def test_termination_means_sum_to_one(drawn):
-    occupancy = _moments(drawn)
-    moments = termination_moments(occupancy)
-    assert moments.mean.shape == (1, len(drawn) + 1)
-    assert float(moments.mean.sum()) == pytest.approx(1)
-    assert (moments.mean >= 0).all()
-    # E[x]^2 <= E[x^2] <= E[x] for whatever is between 0 and 1
-    assert (moments.second >= moments.mean**2 - 1e-12).all()
-    assert (moments.second <= moments.mean + 1e-12).all()
-    expected, escaped = termination(occupancy.mean)
-    torch.testing.assert_close(moments.mean, torch.cat([expected, escaped[:, None]], dim=1))
-
-
-@given(st.floats(1e-3, 1 - 1e-3), st.floats(1e-6, 1 - 1e-3))
-def test_beta_keeps_mean_and_variance(mean, share):
-    variance = share * mean * (1 - mean)
-    moments = OccupancyMoments(*torch.tensor([mean, mean**2 + variance], dtype=torch.float64))
-    a, b = (float(each) for each in beta_parameters(moments))
-    assert beta.mean(a, b) == pytest.approx(mean, rel=1e-6)
-    assert beta.var(a, b) == pytest.approx(variance, rel=1e-5)
+def test_termination_probabilities_sum_to_one(drawn):
+    probability, escaped = termination(_moments(drawn).mean)
+    assert probability.shape == (1, len(drawn))
+    assert float(probability.sum() + escaped) == pytest.approx(1)
+    assert (probability >= 0).all()
 
 
 @given(occupancies, st.floats(0.5, 5), st.floats(0.01, 0.3))

@@ -41,6 +41,8 @@ def test_rows_have_the_gradient_of_the_loss(renderer):
         return renderer.render(RaySamples(values, sdf_sigma, cells, targets, 60.0), spread).loss.sum()
 
     rendered = renderer.render(RaySamples(sdf, sdf_sigma, cells, targets, 60.0), spread)
+    alone = renderer.loss(RaySamples(sdf, sdf_sigma, cells, targets, 60.0), spread)
+    torch.testing.assert_close(alone, rendered.loss, rtol=1e-12, atol=1e-15)
     gradient = torch.einsum("rqk,rq->rk", rendered.d_sdf, rendered.residual)
     step = 1e-6
     for i in np.ndindex(*sdf.shape):

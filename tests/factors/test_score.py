@@ -13,7 +13,6 @@ from factors.score import (
     cauchy_root,
     cauchy_score,
     energy_score,
-    energy_score_gradient,
     energy_score_monte_carlo,
     majorizing_weight,
     unit_information_weight,
@@ -42,10 +41,9 @@ def test_closed_form_is_the_papers_monte_carlo():
 
 
 @given(mus, sigmas)
-def test_gradient_and_weight(mu, sigma):
+def test_the_weight_times_mu_is_the_gradient(mu, sigma):
     x = t(mu).requires_grad_()
     (gradient,) = torch.autograd.grad(energy_score(x, t(sigma)), x)
-    assert float(energy_score_gradient(t(mu), t(sigma))) == pytest.approx(float(gradient), abs=1e-9)
     assert float(majorizing_weight(t(mu), t(sigma)) * mu) == pytest.approx(float(gradient), abs=1e-6)
 
 

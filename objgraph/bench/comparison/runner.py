@@ -1,12 +1,13 @@
-"""Runs what is not done yet, in this process or in several, and hands over each row as it comes."""
+"""Runs what is not done yet: in this process, each row as it comes, or in several, each job's rows at its end."""
 
 import logging
 import signal
 from collections import deque
 from collections.abc import Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
 from multiprocessing import get_context
-from multiprocessing.connection import Connection, wait
-from typing import Any, Protocol, TypeVar
+from typing import Protocol, TypeVar
 
 import torch
 
@@ -30,7 +31,7 @@ def run(jobs: Sequence[Job[Row]], processes: int = 1) -> Iterator[Row]:
     """The rows of all jobs, in the order in which they are done; each process uses one thread.
 
     Raises:
-        EvaluationError: a process died; what it had handed over is not lost.
+        EvaluationError: a process died; the rows of jobs that were done are not lost.
     """
     if processes > 1 and len(jobs) > 1:
         yield from _in_processes(jobs, min(processes, len(jobs)))
@@ -45,69 +46,32 @@ def run(jobs: Sequence[Job[Row]], processes: int = 1) -> Iterator[Row]:
 
 
 def _in_processes(jobs: Sequence[Job[Row]], count: int) -> Iterator[Row]:
-    context = get_context("spawn")
-    waiting = deque(jobs)
-    workers, doing = {}, {}
-    try:
-        for _ in range(count):
-            ours, theirs = context.Pipe()
-            worker = context.Process(target=_work, args=(theirs,), daemon=True)
-            worker.start()
-            theirs.close()
-            workers[ours] = worker
-            _give(ours, waiting.popleft(), doing)
-        while workers:
-            for connection in wait(list(workers)):
-                assert isinstance(connection, Connection)
-                row = _received(connection, doing)
-                if row is not None:
-                    yield row
-                elif waiting:
-                    _give(connection, waiting.popleft(), doing)
-                else:
-                    connection.close()
-                    workers.pop(connection).join()
-    finally:
-        for worker in workers.values():
-            worker.terminate()
-            worker.join()
+    waiting, doing = deque(jobs), dict[Future, str]()
+    with ProcessPoolExecutor(count, get_context("spawn"), _quiet) as pool:
+        while waiting or doing:
+            while waiting and len(doing) < count:  # no more than run, so that it is known what died
+                job = waiting.popleft()
+                doing[pool.submit(_rows, job)] = job.name
+            finished, _ = wait(doing, return_when=FIRST_COMPLETED)
+            for future in finished:
+                try:
+                    rows = future.result()
+                except BrokenProcessPool as error:
+                    names = " or ".join(doing.values())
+                    raise EvaluationError(
+                        f"the process that was at {names} died, perhaps for want of memory: the same command goes on "
+                        "from here, with fewer --jobs it needs less"
+                    ) from error
+                del doing[future]
+                yield from rows
 
 
-def _give(connection: Connection, job: Job, doing: dict[Connection, str]) -> None:
-    doing[connection] = job.name
-    try:
-        connection.send(job)
-    except OSError as error:
-        raise _died(job.name) from error
-
-
-def _received(connection: Connection, doing: dict[Connection, str]) -> Any:
-    try:
-        return connection.recv()
-    except (EOFError, OSError) as error:
-        raise _died(doing[connection]) from error
-
-
-def _died(case: str) -> EvaluationError:
-    return EvaluationError(
-        f"the process that was at {case} died, perhaps for want of memory: the same command goes on from here, "
-        "with fewer --jobs it needs less"
-    )
-
-
-def _work(connection: Connection) -> None:
-    """Jobs in, rows out, None after the last of each; ends when the other end is closed."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent sees to it
-    logging.getLogger().setLevel(logging.ERROR)  # what matters is in the rows
+def _quiet() -> None:
+    """What matters of a process is in its rows; Ctrl-C ends it without a word."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+    logging.getLogger().setLevel(logging.ERROR)
     torch.set_num_threads(1)
-    while True:
-        try:
-            job = connection.recv()
-        except EOFError:
-            return
-        try:
-            for row in job.rows():
-                connection.send(row)
-            connection.send(None)
-        except BrokenPipeError:
-            return
+
+
+def _rows(job: Job[Row]) -> list[Row]:
+    return [*job.rows()]

@@ -13,7 +13,7 @@ from objgraph.datasets.ground_truth import AnnotatedScan, GroundTruth, annotated
 from objgraph.datasets.registry import load_scan, scenes
 from objgraph.errors import DatasetError
 from objgraph.observation.frames import Instance
-from objgraph.observation.view_selection import ViewConfig, ViewIndex, summarize
+from objgraph.observation.view_selection import ViewIndex, ViewSelectionConfig, summarize
 
 Options = tuple[tuple[str, Any], ...]
 
@@ -29,7 +29,7 @@ class ScanCase:
     shape: str
     options: Options = ()
     """Of the loader."""
-    view: ViewConfig = field(default_factory=ViewConfig)
+    view: ViewSelectionConfig = field(default_factory=ViewSelectionConfig)
 
     @property
     def id(self) -> str:
@@ -60,7 +60,7 @@ class ScanSource:
     """By default all under `root`."""
     options: Options = ()
     """Of the loader."""
-    view: ViewConfig = field(default_factory=ViewConfig)
+    view: ViewSelectionConfig = field(default_factory=ViewSelectionConfig)
     """How an object's frames are chosen."""
 
     def settings(self) -> dict[str, Any]:
@@ -126,6 +126,6 @@ def _scan(dataset: str, root: Path, scene: str, options: Options) -> AnnotatedSc
 
 
 @lru_cache(maxsize=2)
-def _index(dataset: str, root: Path, scene: str, options: Options, view: ViewConfig) -> ViewIndex:
+def _index(dataset: str, root: Path, scene: str, options: Options, view: ViewSelectionConfig) -> ViewIndex:
     """The frames' summaries are computed once a scan."""
     return summarize(_scan(dataset, root, scene, options).frames, view)

@@ -10,7 +10,6 @@ from typing import Any
 from objgraph.bench.metrics.metrics import Evaluation, evaluate_object
 from objgraph.datasets.ground_truth import GroundTruth
 from objgraph.errors import EvaluationError
-from objgraph.geometry.transforms import transform_points_back
 from objgraph.maps.files import replace_file
 from objgraph.maps.mapped_object import MappedObject
 from objgraph.maps.object_map import ObjectMap
@@ -65,7 +64,8 @@ def evaluate_map(object_map: ObjectMap, truths: Mapping[int, GroundTruth], seed:
 def _errors(entry: MappedObject, truth: GroundTruth, seed: int) -> dict[str, Any]:
     if entry.vertices is None or entry.faces is None or entry.T_world_object is None or entry.scale is None:
         return dict(_WRONG)
-    p_object = transform_points_back(entry.T_world_object, entry.vertices) / entry.scale
+    R, t = entry.T_world_object[:3, :3], entry.T_world_object[:3, 3]
+    p_object = (entry.vertices - t) @ R / entry.scale
     try:
         errors = evaluate_object(entry.T_world_object, entry.scale, p_object, entry.faces, truth, seed)
     except EvaluationError as error:

@@ -9,7 +9,7 @@ from jaxtyping import Float, Int
 from objgraph.datasets.ground_truth import GroundTruth
 from objgraph.errors import EvaluationError
 from objgraph.geometry.boxes import OrientedBox
-from objgraph.geometry.transforms import transform_points
+from objgraph.geometry.frames import transformed
 
 _RIGID_TOLERANCE = 1e-4
 
@@ -44,7 +44,7 @@ class PlacedMesh:
     @cached_property
     def p_world(self) -> Float[np.ndarray, "v 3"]:
         """Vertices in the world frame, in metres."""
-        return transform_points(self.T_world_object, self.p_metric)
+        return transformed(self.T_world_object, self.p_metric)
 
     @cached_property
     def bounds_metric(self) -> Float[np.ndarray, "2 3"]:

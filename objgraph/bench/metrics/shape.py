@@ -9,7 +9,7 @@ from scipy.spatial import cKDTree
 
 from objgraph.bench.metrics.placed import PlacedMesh
 from objgraph.errors import EvaluationError
-from objgraph.geometry.transforms import transform_points
+from objgraph.geometry.frames import transformed
 
 CHAMFER_POINTS = 10_000
 """Points sampled on each surface."""
@@ -40,7 +40,7 @@ def volume_iou(estimate: PlacedMesh, truth: PlacedMesh, voxels: int = VOXELS) ->
     gaps up to about a voxel are closed, and what lies behind a wider opening is outside.
     """
     T_truth_world = np.linalg.inv(truth.T_world_object)
-    p_estimate = transform_points(T_truth_world, estimate.p_world)
+    p_estimate = transformed(T_truth_world, estimate.p_world)
     used = p_estimate[np.unique(estimate.faces)]
     bounds = np.stack([used.min(axis=0), used.max(axis=0)])
     if (bounds[0] > truth.bounds_metric[1]).any() or (bounds[1] < truth.bounds_metric[0]).any():

@@ -11,7 +11,7 @@ import tyro
 from jaxtyping import Float
 from PIL import Image
 
-from objgraph.geometry.transforms import look_at
+from objgraph.geometry.frames import look_at
 from objgraph.observation.frames import Intrinsics
 from objgraph.show import raster
 from objgraph.training.families import FAMILIES

@@ -11,7 +11,7 @@ from numpy.random import Generator
 
 from objgraph.bench.worlds.room import Room, draw_room
 from objgraph.errors import DatasetError
-from objgraph.geometry.transforms import look_at
+from objgraph.geometry.frames import look_at
 from objgraph.observation.frames import Intrinsics
 from objgraph.synthetic.camera import CameraConfig, camera_matrix
 from objgraph.synthetic.furniture import Furniture

@@ -8,7 +8,7 @@ from jaxtyping import Float, Int, UInt8
 
 from objgraph.errors import ObservationError
 from objgraph.geometry.boxes import OrientedBox
-from objgraph.geometry.transforms import transform_points, transform_points_back
+from objgraph.geometry.frames import transformed, transformed_back
 from objgraph.observation.frames import Intrinsics
 
 
@@ -41,7 +41,7 @@ class Detection:
 
     def to_box(self, p_world: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
         """World points in the box's own frame, metres."""
-        return transform_points_back(self.T_world_object, p_world)
+        return transformed_back(self.T_world_object, p_world)
 
     def outside(self, p_world: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n"]:
         """How far points are outside of the box, along the axis where most; negative inside. Metres."""
@@ -73,7 +73,8 @@ class Picture:
         ids = np.full(len(p_world), -1)
         if self.instances is None:
             return ids
-        p_camera = transform_points_back(self.T_world_camera, p_world)
+        T = self.T_world_camera
+        p_camera = transformed_back(T, p_world)
         ahead = np.flatnonzero(p_camera[:, 2] > 0.1)
         u, v = np.round(self.intrinsics.project(p_camera[ahead])).T
         inside = (u >= 0) & (u < self.intrinsics.width) & (v >= 0) & (v < self.intrinsics.height)
@@ -98,7 +99,7 @@ class LidarFrame:
     @cached_property
     def p_world(self) -> Float[np.ndarray, "n 3"]:
         """The returns in the world; asked for once an object."""
-        return transform_points(self.T_world_lidar, self.p_lidar)
+        return transformed(self.T_world_lidar, self.p_lidar)
 
     def detection(self, detection_id: int) -> Detection:
         """Raises ObservationError where there is none of that id."""

@@ -9,7 +9,7 @@ from scipy.spatial import cKDTree
 
 from factors.rays import Rays
 from objgraph.errors import ObservationError
-from objgraph.geometry.transforms import transform_points
+from objgraph.geometry.frames import transformed
 from objgraph.observation.lidar.frame import Detection, LidarFrame
 from objgraph.observation.lidar.road import Road
 from objgraph.observation.masks import of_one_object
@@ -38,8 +38,8 @@ class LidarSamplingConfig:
     """Rays that pass the object's returns by more than this say little of it, metres at its distance."""
     beam: float = 0.0015
     """Radians by which a beam's direction is uncertain: its width."""
-    patch: float = 0.2
-    """Metres: surface closer than this errs together, so each such patch is one independent measurement."""
+    correlation_length: float = 0.2
+    """Metres: surface closer than this errs together, so each cube of that size is one independent measurement."""
     noise: SensorNoise = field(default_factory=lambda: SensorNoise(base=0.02, quadratic=0.0))
 
 
@@ -66,7 +66,7 @@ def observe_lidar(
     ahead = frame.p_lidar[:, 2] > 0.5
     p_lidar = frame.p_lidar[ahead & np.isfinite(frame.p_lidar).all(axis=1)]
     T = frame.T_world_lidar
-    p_world = transform_points(T, p_lidar)
+    p_world = transformed(T, p_lidar)
     if (detection.T_world_object[:3, 3] - T[:3, 3]) @ T[:3, 2] < 0.5:
         raise ObservationError(f"{where}: the detected box is not ahead of the LiDAR; leave it out")
     ids = frame.picture.ids_at(p_world) if frame.picture is not None else np.full(len(p_world), -1)
@@ -88,7 +88,7 @@ def observe_lidar(
         points,
         config.noise(np.linalg.norm(points, axis=1)),
         _rays(points, beside, config),
-        config.patch,
+        config.correlation_length,
     )
 
 

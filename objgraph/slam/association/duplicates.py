@@ -8,11 +8,11 @@ import numpy as np
 import torch
 from jaxtyping import Float
 from scipy.spatial import cKDTree
-from scipy.stats import chi2
 
 from factors.rays import BOX_HALF_SIZE
 from factors.sdf import metres_per_unit, query_points
 from factors.state import POSE_DOF, RIGID_DOF
+from objgraph.covariance.quantile import squared_limit
 from objgraph.errors import FactorError, SolveError
 from objgraph.geometry.boxes import OrientedBox, box_iou
 from objgraph.slam.association.decode import Asked, decode
@@ -59,7 +59,7 @@ def duplicates(
     for a, b in near:
         if a in covariances and b in covariances:
             squared = _squared_distance(a, b, objects, covariances, joint, config)
-            if squared <= chi2.ppf(config.probability, 3):
+            if squared <= squared_limit(config.probability, 3):
                 gated[a, b] = squared
     accepted = _overlapping(objects, gated, config)
     merges = _stars(objects, covariances, gated, accepted)

@@ -24,11 +24,11 @@ from functools import cached_property
 import gtsam
 import numpy as np
 from jaxtyping import Float
-from scipy.stats import chi2
 
 from factors.sdf import SdfQuery, metres_per_unit, query_points, sdf_jacobian
 from factors.sdf_decoder import SdfJet
 from factors.state import CAMERA_DOF, RIGID_DOF
+from objgraph.covariance.quantile import squared_limit
 from objgraph.observation.sampling import ObjectView
 from objgraph.slam.association.decode import Asked, decode
 from objgraph.slam.association.types import AssociationConfig, MappedCandidate
@@ -113,7 +113,7 @@ class Fit:
 
     def limit(self, config: AssociationConfig) -> float:
         """What the squared distance of a true match exceeds once in 1 / (1 - `probability`) times."""
-        return float(chi2.ppf(config.probability, self.directions))
+        return squared_limit(config.probability, self.directions)
 
     def cost(self, config: AssociationConfig) -> float:
         """Twice the negative logarithm of how much likelier a match is than a new object, and what overlap lacks.

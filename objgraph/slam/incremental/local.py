@@ -3,10 +3,10 @@
 from collections.abc import Sequence
 
 import gtsam
-from scipy.stats import chi2
 
 from factors.batch import prefetch
 from factors.surface import SurfaceFactor
+from objgraph.covariance.quantile import squared_limit
 from objgraph.errors import SolveError
 from objgraph.graph.solve import LevenbergMarquardtConfig, Problem, minimize, solve
 from objgraph.slam.incremental.config import IncrementalConfig
@@ -105,7 +105,7 @@ def settled(
     if not rise < problem.values.dim() / 2:  # as a draw from the posterior, if it is Gaussian, on average is
         raise SolveError(_too_far(problem, f"a full step from there costs {rise:.1f} more"))
     squared = 2 * sum(factor.error(first) for factor in priors)
-    limit = chi2.ppf(_PLAUSIBLE, sum(factor.dim() for factor in priors))
+    limit = squared_limit(_PLAUSIBLE, sum(factor.dim() for factor in priors))
     if squared > limit:
         raise SolveError(
             _too_far(

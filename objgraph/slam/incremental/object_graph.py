@@ -52,7 +52,8 @@ class IncrementalObjectGraph(FrontEnd):
         """
         config = config or IncrementalConfig()
         builder = ObjectBuilder(config.graph, np.asarray(up_world, float), floor)
-        system = IncrementalSystem(config, builder, Smoother(config.lag), body_T_camera)
+        self._smoother = Smoother(config.lag)
+        system = IncrementalSystem(config, builder, self._smoother, body_T_camera)
         super().__init__(system, find_prior, object_keys)
         self._odometry: gtsam.Pose3 | None = None
 
@@ -103,6 +104,10 @@ class IncrementalObjectGraph(FrontEnd):
         names = tuple(entry.name for entry in seen)
         reasons = (*sightings.reasons, *reasons, *why)
         return FrameReport(frame.name, camera, names, tuple(entered), self.pending, reasons)
+
+    def estimate(self) -> gtsam.Values:
+        """Every variable's estimate; the larger the map, the longer it takes."""
+        return self._smoother.estimate()
 
     def optimize(self, rounds: int = 2) -> None:
         """Solve the whole map as one nonlinear problem, each round with samples drawn where the last one ended.

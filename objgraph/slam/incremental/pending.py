@@ -76,9 +76,9 @@ def first_estimate(
     assert builder.up_world is not None  # or nothing would have been placed
     kept = tuple(starts[:1] if rough else starts)
     task = EstimationTask(name, prior, kept, tuple(views), builder.up_world, builder.floor)
-    (result,) = GraphEstimator(config.graph, config.rough if rough else config.start, turns=None).estimate(
-        [task]
-    )
+    (result,) = GraphEstimator(
+        config.graph, config.rough if rough else config.start, heading_modes=None
+    ).estimate([task])
     if isinstance(result, ObjectGraphError):
         raise result
     if result.covariance is None:

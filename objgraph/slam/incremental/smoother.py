@@ -132,18 +132,12 @@ class Smoother:
             SolveError: a key is not in the system, or the system does not determine it.
         """
         self._check(keys)
-        point = self._isam.getLinearizationPoint()
-        joint = determined(keys, self._isam.joint)
-        parts = [joint.at(i) for i in range(joint.size())]
-        return [
-            gtsam.LinearContainerFactor(part, point.extract(gtsam.KeyVector(list(part.keys()))))
-            for part in parts
-        ]
+        return marginal_factors(self._isam, keys)
 
     def covariance(self, keys: Sequence[int]) -> Float[np.ndarray, "d d"]:
         """Joint marginal covariance of `keys`, in their order; raises SolveError as `marginal_factors` does."""
         self._check(keys)
-        return np.array(determined(keys, self._isam.jointMarginalCovariance).fullMatrix())
+        return joint_covariance(self._isam, keys)
 
     @property
     def _isam(self) -> gtsam.ISAM2:
@@ -229,7 +223,21 @@ class Smoother:
             raise SolveError(f"{', '.join(missing)}: not in the incremental system (or past its lag)")
 
 
-def determined(keys: Sequence[int], query: Callable[[gtsam.KeyVector], _T]) -> _T:
+def marginal_factors(isam: gtsam.ISAM2, keys: Sequence[int]) -> list[gtsam.LinearContainerFactor]:
+    """Factors on `keys` alone that say of them what the whole system does; raises SolveError where it hardly does."""
+    point, joint = isam.getLinearizationPoint(), _determined(keys, isam.joint)
+    parts = [joint.at(i) for i in range(joint.size())]
+    return [
+        gtsam.LinearContainerFactor(part, point.extract(gtsam.KeyVector(list(part.keys())))) for part in parts
+    ]
+
+
+def joint_covariance(isam: gtsam.ISAM2, keys: Sequence[int]) -> Float[np.ndarray, "d d"]:
+    """Joint marginal covariance of `keys`, in their order; raises SolveError where the system hardly determines them."""
+    return np.array(_determined(keys, isam.jointMarginalCovariance).fullMatrix())
+
+
+def _determined(keys: Sequence[int], query: Callable[[gtsam.KeyVector], _T]) -> _T:
     try:
         return query(gtsam.KeyVector([*keys]))
     except RuntimeError as error:  # GTSAM's "indeterminate linear system"

@@ -9,9 +9,8 @@ import numpy as np
 from jaxtyping import Float
 
 from factors.keys import readable_key
-from objgraph.covariance.posterior import Posterior
 from objgraph.errors import SolveError
-from objgraph.slam.incremental.smoother import determined
+from objgraph.slam.incremental.smoother import joint_covariance, marginal_factors
 
 
 class Changes(NamedTuple):
@@ -119,32 +118,21 @@ class StagedSmoother:
 
     def marginal_factors(self, keys: Sequence[int]) -> list[gtsam.LinearContainerFactor]:
         """Factors on `keys` alone that say of them what the whole system does; raises SolveError as `Smoother` does."""
-        self._check(keys)
-        if not any(self._values.exists(key) for key in keys):
-            return self._owner_s_marginals(keys)
-        point = gtsam.Values()
-        for key in keys:
-            self._copy(key, point)
-        root = np.linalg.inv(np.linalg.cholesky(self.covariance(keys)))
-        unit = gtsam.noiseModel.Unit.Create(len(root))
-        blocks = np.split(root, np.cumsum([_dim(point, key) for key in keys])[:-1], axis=1)
-        terms = [(key, np.asfortranarray(block)) for key, block in zip(keys, blocks, strict=True)]
-        return [gtsam.LinearContainerFactor(gtsam.JacobianFactor(terms, np.zeros(len(root)), unit), point)]
+        return marginal_factors(self._about(keys), keys)
 
     def covariance(self, keys: Sequence[int]) -> Float[np.ndarray, "d d"]:
         """Joint marginal covariance of `keys`, in their order; raises SolveError as `Smoother` does."""
-        self._check(keys)
-        if not any(self._values.exists(key) for key in keys):
-            return np.array(determined(keys, self._isam.jointMarginalCovariance).fullMatrix())
-        graph, values = self._about(keys)
-        return Posterior(graph, values).joint_covariance(keys)
+        return joint_covariance(self._about(keys), keys)
 
     @property
     def _isam(self) -> gtsam.ISAM2:
         return self._owner if isinstance(self._owner, gtsam.ISAM2) else self._owner.getISAM2()
 
-    def _about(self, keys: Sequence[int]) -> tuple[gtsam.NonlinearFactorGraph, gtsam.Values]:
-        """What is new about `keys`, and what the caller's smoother says of the variables that it hangs on."""
+    def _about(self, keys: Sequence[int]) -> gtsam.ISAM2:
+        """The caller's system or, where one of `keys` is new, what is new about them on top of what that says."""
+        self._check(keys)
+        if not any(self._values.exists(key) for key in keys):
+            return self._isam
         reached, graph = set(keys), gtsam.NonlinearFactorGraph()
         left = [*self._new.values()]
         while found := [f for f in left if any(map(self._values.exists, reached.intersection(f.keys())))]:
@@ -152,33 +140,17 @@ class StagedSmoother:
             for factor in found:
                 graph.push_back(factor)
                 reached.update(factor.keys())
-        values = gtsam.Values()
+        values, estimate = gtsam.Values(), self._isam.calculateEstimate()
         for key in reached:
-            self._copy(key, values)
-        for factor in self._owner_s_marginals([key for key in reached if not self._values.exists(key)]):
+            holder = self._values if self._values.exists(key) else estimate
+            values.insert(holder.extract(gtsam.KeyVector([key])))
+        for factor in marginal_factors(self._isam, [k for k in reached if not self._values.exists(k)]):
             graph.push_back(factor)
-        return graph, values
-
-    def _owner_s_marginals(self, keys: Sequence[int]) -> list[gtsam.LinearContainerFactor]:
-        point, joint = self._isam.getLinearizationPoint(), determined(keys, self._isam.joint)
-        parts = [joint.at(i) for i in range(joint.size())]
-        return [
-            gtsam.LinearContainerFactor(part, point.extract(gtsam.KeyVector(list(part.keys()))))
-            for part in parts
-        ]
-
-    def _copy(self, key: int, into: gtsam.Values) -> None:
-        own = gtsam.KeyVector([key])
-        into.insert(self._values.extract(own) if self._values.exists(key) else self._estimate().extract(own))
-
-    def _estimate(self) -> gtsam.Values:
-        return self._isam.calculateEstimate()
+        local = gtsam.ISAM2()
+        local.update(graph, values)
+        return local
 
     def _check(self, keys: Sequence[int]) -> None:
         missing = [readable_key(key) for key in keys if not self.has(key)]
         if missing:
             raise SolveError(f"{', '.join(missing)}: not in your smoother (or past its lag)")
-
-
-def _dim(values: gtsam.Values, key: int) -> int:
-    return values.extract(gtsam.KeyVector([key])).dim()

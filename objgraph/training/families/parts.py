@@ -6,6 +6,8 @@ import numpy as np
 import trimesh
 from jaxtyping import Float
 
+from objgraph.geometry.meshes import signed_volume
+
 Vector = Sequence[float] | Float[np.ndarray, "3"]
 
 SECTIONS = 12
@@ -25,7 +27,7 @@ def loft(rings: Float[np.ndarray, "k m 3"]) -> trimesh.Trimesh:
     quads.append(np.stack([np.full(m, last), (k - 1) * m + here, (k - 1) * m + after], 1))
     vertices = np.concatenate([rings.reshape(-1, 3), rings[0].mean(0)[None], rings[-1].mean(0)[None]])
     mesh = trimesh.Trimesh(vertices, np.concatenate(quads), process=False)
-    if mesh.volume < 0:
+    if signed_volume(mesh) < 0:
         mesh.invert()
     return mesh
 

@@ -14,23 +14,23 @@ from objgraph.active import headings
 from objgraph.active.cameras import looking_at, sphere
 from objgraph.active.headings import OtherHeading, risk
 from objgraph.active.next_view import (
-    ViewConfig,
+    NextViewConfig,
     divergence,
     expected_information,
     next_views,
     visible,
 )
-from objgraph.active.target import KnownObject, known_object
-from objgraph.covariance.heading_modes import Turns
+from objgraph.active.target import Target, target
+from objgraph.covariance.heading_modes import HeadingModes
 from objgraph.covariance.labelled import ObjectCovariance
 from objgraph.covariance.surface import metric_sdf_jacobian
 from objgraph.errors import SolveError
-from objgraph.observation.sampling import patch_shares
+from objgraph.observation.sampling import independent_shares
 from tests.objgraph.active.test_next_view import scene_of
 from tests.toys import INTRINSICS, toy_prior, toy_state
 
 UP = np.array([0.0, 0.0, 1.0])
-CONFIG = ViewConfig(INTRINSICS)
+CONFIG = NextViewConfig(INTRINSICS)
 COVARIANCE = ObjectCovariance.diagonal(np.square(np.linspace(0.01, 0.05, 13)), "marginals", "chair")
 
 
@@ -40,11 +40,11 @@ def turned(state: ObjectState, angle: float) -> ObjectState:
 
 
 @pytest.fixture(scope="module")
-def doubtful() -> KnownObject:
+def doubtful() -> Target:
     """A toy chair that stands as it was found or, as likely, the other way round."""
     state = toy_state()
-    turns = Turns(np.array([0.495, 0.01, 0.495, 0.0]), (state, state, turned(state, np.pi), None))
-    return known_object("chair", toy_prior(), state, COVARIANCE, turns=turns)
+    turns = HeadingModes(np.array([0.495, 0.01, 0.495, 0.0]), (state, state, turned(state, np.pi), None))
+    return target("chair", toy_prior(), state, COVARIANCE, turns=turns)
 
 
 def corners_of(state: ObjectState, p_object: np.ndarray) -> np.ndarray:
@@ -102,8 +102,8 @@ def test_a_heading_without_a_surface_is_not_asked_about(monkeypatch):
         return sampled(prior, at, *settings)
 
     monkeypatch.setattr(headings, "sample_surface", sample)
-    turns = Turns(np.array([0.5, 0.0, 0.5, 0.0]), (state, None, turned(state, np.pi), None))
-    found = known_object("chair", toy_prior(), state, COVARIANCE, turns=turns)
+    turns = HeadingModes(np.array([0.5, 0.0, 0.5, 0.0]), (state, None, turned(state, np.pi), None))
+    found = target("chair", toy_prior(), state, COVARIANCE, turns=turns)
     assert found.others == ()
 
 
@@ -129,10 +129,12 @@ def test_the_divergence_is_that_of_the_points_seen(doubtful):
     scene = scene_of((doubtful.vertices, doubtful.faces))
     total, seen = 0.0, np.flatnonzero(visible(doubtful, camera, scene, CONFIG))
     p_camera = np.array([camera.transformTo(doubtful.points[i]) for i in seen])
-    for i, p, share in zip(seen, p_camera, patch_shares(p_camera, CONFIG.patch, most=0.25), strict=True):
+    for i, p, share in zip(
+        seen, p_camera, independent_shares(p_camera, CONFIG.correlation_length, most=0.25), strict=True
+    ):
         sigma = np.hypot(CONFIG.noise(p[2:])[0], doubtful.residual[i])
         # of N(0, sigma) from N(of_own, sigma), no more than three sigma off; twice, for two factors
-        total += 2 * min(1.0, CONFIG.evidence * share) * min((other.of_own[i] / sigma) ** 2, 9.0) / 2
+        total += 2 * min(1.0, CONFIG.effective_count * share) * min((other.of_own[i] / sigma) ** 2, 9.0) / 2
     assert divergence(doubtful, other.of_own, camera, scene, CONFIG) == pytest.approx(total)
     assert divergence(doubtful, np.zeros(len(doubtful.points)), camera, scene, CONFIG) == 0.0
 

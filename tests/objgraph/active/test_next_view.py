@@ -14,27 +14,27 @@ from rich.console import Console
 
 from factors.state import ObjectState
 from objgraph.active.cameras import looking_at, reachable, sphere
-from objgraph.active.from_map import known_objects
+from objgraph.active.from_map import targets_from_map
 from objgraph.active.next_view import (
-    ViewConfig,
+    NextViewConfig,
     expected_information,
     known_precision,
     next_views,
     visible,
 )
-from objgraph.active.target import KnownObject, known_object
+from objgraph.active.target import Target, target
 from objgraph.cli.next_view import NextViewCommand, run_next_view
 from objgraph.covariance.labelled import ObjectCovariance
 from objgraph.errors import ActiveVisionError, MapError
 from objgraph.graph.builder import ObjectBuilder
 from objgraph.maps.mapped_object import MappedObject, PriorReference
 from objgraph.maps.object_map import ObjectMap
-from objgraph.observation.sampling import SamplingConfig, observe, patch_shares
+from objgraph.observation.sampling import SamplingConfig, independent_shares, observe
 from objgraph.show.next_view import sphere_picture
 from tests.toys import INTRINSICS, toy_frame, toy_mesh, toy_picture, toy_prior, toy_state
 
 UP = np.array([0.0, 0.0, 1.0])
-CONFIG = ViewConfig(INTRINSICS)
+CONFIG = NextViewConfig(INTRINSICS)
 SAMPLING = SamplingConfig(points=200, hits=100, free=100)
 D = 13
 
@@ -48,8 +48,8 @@ def seen_once(azimuth: float = 0.3) -> tuple[ObjectState, ObjectCovariance]:
 
 
 @pytest.fixture(scope="module")
-def chair() -> KnownObject:
-    return known_object("chair 1", toy_prior(), *seen_once())
+def chair() -> Target:
+    return target("chair 1", toy_prior(), *seen_once())
 
 
 def scene_of(*meshes: tuple[np.ndarray, np.ndarray]) -> o3d.t.geometry.RaycastingScene:
@@ -59,7 +59,7 @@ def scene_of(*meshes: tuple[np.ndarray, np.ndarray]) -> o3d.t.geometry.Raycastin
     return scene
 
 
-def about(chair: KnownObject, count: int = 24) -> list[gtsam.Pose3]:
+def about(chair: Target, count: int = 24) -> list[gtsam.Pose3]:
     return sphere(chair.centre, 2.2, UP, count, (10.0, 50.0))
 
 
@@ -176,7 +176,7 @@ def test_the_gain_is_that_of_the_information_added(chair):
     assert gain.surface == pytest.approx(spread[0] - spread[1])
     assert gain.seen == seen.mean()
     np.testing.assert_allclose(chair.surface_sigma**2, [J @ before @ J for J in chair.jacobian])
-    looser = known_object("chair 1", replace(toy_prior(), surface_misfit=3.0), *seen_once())
+    looser = target("chair 1", replace(toy_prior(), surface_misfit=3.0), *seen_once())
     (of_looser,) = next_views([looser], [camera], CONFIG)
     assert of_looser.objects["chair 1"].surface == pytest.approx(3 * gain.surface)
     assert of_looser.objects["chair 1"].information == pytest.approx(gain.information)
@@ -188,9 +188,9 @@ def test_the_gain_is_that_of_the_information_added(chair):
 def test_the_other_side_is_worth_more_than_the_one_that_was_seen(criterion):
     """After one picture, a camera opposite to it is expected to tell more than one beside it."""
     for azimuth in (0.3, 2.2, 4.0):
-        known = known_object("chair", toy_prior(), *seen_once(azimuth))
+        known = target("chair", toy_prior(), *seen_once(azimuth))
 
-        def at(bearing: float, known: KnownObject = known) -> gtsam.Pose3:
+        def at(bearing: float, known: Target = known) -> gtsam.Pose3:
             away = np.array([2.2 * np.cos(bearing), 2.2 * np.sin(bearing), 1.0])
             return looking_at(known.centre + away, known.centre, UP)
 
@@ -217,7 +217,9 @@ def test_views_share_what_the_decoder_cannot_make(chair):
 
     jacobian = known.jacobian[seen[2]]
     p_camera = np.array([third.transformTo(p) for p in known.points[seen[2]]])
-    share = np.minimum(1.0, CONFIG.evidence * patch_shares(p_camera, CONFIG.patch, most=0.25))
+    share = np.minimum(
+        1.0, CONFIG.effective_count * independent_shares(p_camera, CONFIG.correlation_length, most=0.25)
+    )
     more = np.array([told(i, [0, 1, 2]) - told(i, [0, 1]) for i in np.flatnonzero(seen[2]).tolist()])
     assert (seen[2] & seen[0] & seen[1]).any()
     assert (seen[2] & ~seen[0] & ~seen[1]).any()
@@ -245,7 +247,7 @@ def test_of_two_objects_gains_are_added_and_the_best_comes_first(chair):
     other_state = replace(
         toy_state(2.0), T_world_object=gtsam.Pose3(gtsam.Rot3.Rx(np.pi / 2), np.array([1.6, 0.2, 0.42]))
     )
-    other = known_object("chair 2", toy_prior(), other_state, seen_once()[1])
+    other = target("chair 2", toy_prior(), other_state, seen_once()[1])
     views = next_views([chair, other], about(chair), CONFIG)
     totals = [view.total() for view in views]
     assert totals == sorted(totals, reverse=True)
@@ -262,11 +264,11 @@ def test_of_two_objects_gains_are_added_and_the_best_comes_first(chair):
 def test_objects_that_cannot_be_asked_about_are_refused(chair):
     state, covariance = seen_once()
     with pytest.raises(ActiveVisionError, match="9 axes, its state has 13"):
-        known_object("chair", toy_prior(), state, ObjectCovariance.diagonal(np.ones(9), "x"))
+        target("chair", toy_prior(), state, ObjectCovariance.diagonal(np.ones(9), "x"))
     singular = covariance.matrix.copy()
     singular[0] = singular[:, 0] = 0.0
     with pytest.raises(ActiveVisionError, match="not positive definite"):
-        known_object("chair", toy_prior(), state, ObjectCovariance.of(singular, "x"))
+        target("chair", toy_prior(), state, ObjectCovariance.of(singular, "x"))
     with pytest.raises(ActiveVisionError, match="0 cameras"):
         next_views([chair], [])
     with pytest.raises(ActiveVisionError, match="0 objects"):
@@ -295,12 +297,12 @@ def toy_map(**changes) -> ObjectMap:
 
 
 def test_a_maps_objects_are_known_by_their_own_prior(chair):
-    (found,) = known_objects(toy_map(), priors=[toy_prior()])
+    (found,) = targets_from_map(toy_map(), priors=[toy_prior()])
     assert found.name == "chair 1"
     np.testing.assert_allclose(found.information, chair.information, rtol=1e-6, atol=1e-6)
     assert found.seen_from == ()
     camera = about(chair, 1)[0]
-    (found,) = known_objects(toy_map(views=("0",), cameras=camera.matrix()[None]), priors=[toy_prior()])
+    (found,) = targets_from_map(toy_map(views=("0",), cameras=camera.matrix()[None]), priors=[toy_prior()])
     (seen_from,) = found.seen_from
     state = seen_once()[0]
     other = replace(
@@ -309,17 +311,17 @@ def test_a_maps_objects_are_known_by_their_own_prior(chair):
     turned = np.zeros((4, D))
     turned[2] = state.local_coordinates(other)
     doubtful = toy_map(turns=np.array([0.7, 0.0, 0.3, 0.0]), turned=turned)
-    (found,) = known_objects(doubtful, priors=[toy_prior()])
+    (found,) = targets_from_map(doubtful, priors=[toy_prior()])
     (heading,) = found.others
     assert (found.probability, heading.probability) == (0.7, 0.3)
     np.testing.assert_allclose(heading.vertices, other.to_world(state.to_object(found.vertices)), atol=1e-6)
     assert seen_from.equals(camera, 1e-12)
     with pytest.raises(ActiveVisionError, match=r"objects \[2\] are not mapped; mapped are \[1\]"):
-        known_objects(toy_map(), [2], [toy_prior()])
+        targets_from_map(toy_map(), [2], [toy_prior()])
     with pytest.raises(MapError, match="mapped with prior chair toy, the one at hand"):
-        known_objects(toy_map())
+        targets_from_map(toy_map())
     with pytest.raises(MapError, match="no joint covariance"):
-        known_objects(toy_map(joint_covariance=None), priors=[toy_prior()])
+        targets_from_map(toy_map(joint_covariance=None), priors=[toy_prior()])
 
 
 def test_the_command_lists_the_best_views_and_writes_them(tmp_path, monkeypatch):

@@ -9,7 +9,7 @@ import pytest
 from objgraph.cli.run_config import MapRun, Source, read_run
 from objgraph.errors import ConfigError, DatasetError
 from objgraph.estimate.graph import GraphEstimator
-from objgraph.estimate.heading_modes import QuarterTurnsConfig
+from objgraph.estimate.heading_modes import HeadingModesConfig
 from objgraph.graph.builder import GraphConfig
 from objgraph.graph.solve import SolverConfig
 from objgraph.maps import pipeline
@@ -24,7 +24,7 @@ CAMERA = MappingConfig(
     priors=("sofa.safetensors",),
     graph=GraphConfig(renderer="sampled", sides=None),
     solver=SolverConfig(slopes=(50.0, 90.0), rounds=2),
-    turns=QuarterTurnsConfig(temperature=3.0),
+    heading_modes=HeadingModesConfig(temperature=3.0),
     estimator="both",
 )
 STREET = LidarMappingConfig(
@@ -36,7 +36,7 @@ STREET = LidarMappingConfig(
     "run",
     [
         MapRun(ROOM, CAMERA),
-        MapRun(ROOM, replace(CAMERA, turns=None)),
+        MapRun(ROOM, replace(CAMERA, heading_modes=None)),
         MapRun(Source("sample"), MappingConfig()),
         MapRun(Source("kitti", Path("K"), "000008"), STREET),
         MapRun(Source("street"), LidarMappingConfig()),
@@ -49,8 +49,8 @@ def test_a_saved_run_comes_back_as_it_was(tmp_path, run):
     assert document["objgraph"] == program_version()
     assert document["dataset"] == run.source.dataset
     assert document["settings"].keys() == asdict(run.settings).keys()
-    if run.settings.turns is not None:
-        assert document["settings"]["turns"]["temperature"] == run.settings.turns.temperature
+    if run.settings.heading_modes is not None:
+        assert document["settings"]["heading_modes"]["temperature"] == run.settings.heading_modes.temperature
 
 
 def test_what_is_typed_wins_over_the_file_and_the_rest_is_kept(tmp_path):
@@ -61,12 +61,12 @@ def test_what_is_typed_wins_over_the_file_and_the_rest_is_kept(tmp_path):
 
 
 def test_a_setting_given_in_part_keeps_the_rest_of_its_own_default(tmp_path):
-    path = write(tmp_path, {"graph": {"floor_sigma": 1}, "turns": {"solver": {"rounds": 1}}})
+    path = write(tmp_path, {"graph": {"floor_sigma": 1}, "heading_modes": {"solver": {"rounds": 1}}})
     settings = read_run(path, {"dataset": "kitti"}, {}).settings
     assert settings.graph == replace(ROADS, floor_sigma=1.0)
     assert isinstance(settings.graph.floor_sigma, float)
-    assert settings.turns is not None
-    assert settings.turns.solver == replace(QuarterTurnsConfig().solver, rounds=1)
+    assert settings.heading_modes is not None
+    assert settings.heading_modes.solver == replace(HeadingModesConfig().solver, rounds=1)
 
 
 def write(folder: Path, settings: object) -> Path:
@@ -130,4 +130,4 @@ def test_a_run_has_a_data_set_and_only_settings_that_it_uses():
 def test_the_search_for_headings_is_the_settings_own():
     chosen, _ = pipeline._estimators(CAMERA)
     assert isinstance(chosen, GraphEstimator)
-    assert chosen.turns == CAMERA.turns
+    assert chosen.heading_modes == CAMERA.heading_modes

@@ -8,7 +8,7 @@ import pytest
 
 from factors.state import ObjectState
 from objgraph.covariance.box import BOX_AXES, box_jacobian, box_pose
-from objgraph.covariance.heading_modes import Turns
+from objgraph.covariance.heading_modes import HeadingModes
 from objgraph.covariance.labelled import ObjectCovariance
 from objgraph.errors import SolveError
 from objgraph.priors.misfit import BoxMisfit
@@ -73,7 +73,7 @@ def test_an_object_that_the_prior_makes_badly_is_known_worse():
     prior, state = replace(toy_prior(), box=np.array([0.5, 0.7, 0.4])), toy_state()
     misfit = BoxMisfit(0.03, 0.4, 0.1, marginals=1.5, view_cost=40.0)
 
-    def matrix(view_cost: float | None, turns: Turns | None = None) -> np.ndarray:
+    def matrix(view_cost: float | None, turns: HeadingModes | None = None) -> np.ndarray:
         found = box_pose(prior, state, COVARIANCE, misfit=misfit, view_cost=view_cost, turns=turns)
         return found.covariance.matrix
 
@@ -82,7 +82,7 @@ def test_an_object_that_the_prior_makes_badly_is_known_worse():
     np.testing.assert_allclose(matrix(None), usual)
     np.testing.assert_allclose(matrix(100.0), 2.5 * usual)
     np.testing.assert_allclose(matrix(0.0), 0.25 * usual)
-    turns = Turns(np.array([0.6, 0.1, 0.2, 0.1]))  # whose chances do not depend on it
+    turns = HeadingModes(np.array([0.6, 0.1, 0.2, 0.1]))  # whose chances do not depend on it
     np.testing.assert_allclose(matrix(100.0, turns) - matrix(100.0), matrix(40.0, turns) - matrix(40.0))
 
 

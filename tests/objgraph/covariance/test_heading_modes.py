@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from objgraph.bench.metrics.box_error import box_error
 from objgraph.covariance.box import BoxPose, box_pose
-from objgraph.covariance.heading_modes import Turns
+from objgraph.covariance.heading_modes import HeadingModes
 from objgraph.covariance.labelled import ObjectCovariance
 from objgraph.datasets.ground_truth import GroundTruth
 from objgraph.errors import CovarianceError
@@ -34,14 +34,14 @@ def quarter(box: BoxPose, count: int) -> GroundTruth:
 def test_one_turn_s_moment_is_the_square_of_the_error_that_it_makes(count):
     box = BoxPose(PLACE, SIZE, None)  # pyright: ignore[reportArgumentType]
     error = box_error(box, quarter(box, count)).tangent
-    moment = Turns(np.eye(4)[count]).second_moment(SIZE)
+    moment = HeadingModes(np.eye(4)[count]).second_moment(SIZE)
     np.testing.assert_allclose(moment, np.outer(error, error), atol=1e-9)
 
 
 @given(st.lists(st.floats(0, 60), min_size=4, max_size=4), st.floats(0.5, 20), st.floats(-100, 100))
 def test_probabilities_fall_with_cost_and_do_not_know_its_zero(costs, temperature, offset):
-    found = Turns.of_costs(np.array(costs), temperature).probability
-    again = Turns.of_costs(np.array(costs) + offset, temperature).probability
+    found = HeadingModes.of_costs(np.array(costs), temperature).probability
+    again = HeadingModes.of_costs(np.array(costs) + offset, temperature).probability
     np.testing.assert_allclose(found, again, rtol=1e-6, atol=1e-12)
     ratio = found[1] / max(found[0], 1e-300)
     if found[0] > 1e-12:
@@ -49,14 +49,14 @@ def test_probabilities_fall_with_cost_and_do_not_know_its_zero(costs, temperatur
 
 
 def test_what_could_not_be_solved_has_no_chance():
-    found = Turns.of_costs(np.array([3.0, np.inf, np.nan, 3.0]), 5.0)
+    found = HeadingModes.of_costs(np.array([3.0, np.inf, np.nan, 3.0]), 5.0)
     np.testing.assert_allclose(found.probability, [0.5, 0, 0, 0.5])
 
 
 @pytest.mark.parametrize("wrong", [[1, 0, 0], [0.5, 0.2, 0.2, 0.2], [1.2, -0.2, 0, 0], [np.nan, 0, 0, 1]])
 def test_what_is_no_distribution_is_refused(wrong):
     with pytest.raises(CovarianceError, match="probabilities"):
-        Turns(np.array(wrong))
+        HeadingModes(np.array(wrong))
 
 
 def test_a_box_that_may_stand_the_other_way_round_is_held_both_ways():
@@ -64,7 +64,9 @@ def test_a_box_that_may_stand_the_other_way_round_is_held_both_ways():
     covariance = ObjectCovariance.diagonal(np.full(13, 1e-4), "marginals", "chair 1")
     none = BoxMisfit(0.0, 0.0, 0.0)
     sure = box_pose(prior, state, covariance, misfit=none)
-    doubtful = box_pose(prior, state, covariance, misfit=none, turns=Turns(np.array([0.6, 0.1, 0.2, 0.1])))
+    doubtful = box_pose(
+        prior, state, covariance, misfit=none, turns=HeadingModes(np.array([0.6, 0.1, 0.2, 0.1]))
+    )
     for count in range(4):
         error = box_error(sure, quarter(sure, count)).tangent
         squared = [error @ np.linalg.solve(each.covariance.matrix, error) for each in (sure, doubtful)]

@@ -8,7 +8,7 @@ import pytest
 
 from objgraph.estimate import graph as graph_estimator
 from objgraph.estimate.graph import GraphEstimator
-from objgraph.estimate.heading_modes import QuarterTurnsConfig, Turned, quarter_turns, turned
+from objgraph.estimate.heading_modes import HeadingModesConfig, Turned, heading_modes, turned
 from objgraph.estimate.task import Estimate
 from objgraph.graph.builder import DetectedBox, GraphConfig
 from objgraph.graph.solve import SolverConfig
@@ -17,7 +17,7 @@ from tests.toys import toy_mesh, toy_prior, toy_state
 
 TRUE = toy_state(0.4)
 PRIOR = replace(toy_prior(), box=np.asarray(toy_mesh(TRUE.code).extents))
-EVERY = QuarterTurnsConfig(reach=1e6)
+EVERY = HeadingModesConfig(reach=1e6)
 ANOTHER = DetectedBox(TRUE.T_world_object, TRUE.scale * PRIOR.box, 0.1, 0.1, 0.1)
 
 
@@ -37,8 +37,8 @@ def test_a_turned_object_fills_the_same_metric_box(quarter):
 def test_a_chair_that_was_found_the_wrong_way_round_is_turned(quarter):
     begun = turned(TRUE.retract(OFF), quarter, PRIOR)
     given = replace(task(starts=(begun,)), prior=PRIOR)
-    alone = GraphEstimator(solver=SolverConfig(rounds=3), turns=None).estimate([given])[0]
-    found = GraphEstimator(solver=SolverConfig(rounds=3), turns=EVERY).estimate([given])[0]
+    alone = GraphEstimator(solver=SolverConfig(rounds=3), heading_modes=None).estimate([given])[0]
+    found = GraphEstimator(solver=SolverConfig(rounds=3), heading_modes=EVERY).estimate([given])[0]
     assert isinstance(alone, Estimate)
     assert isinstance(found, Estimate)
     turn = alone.state.T_world_object.rotation().between(TRUE.T_world_object.rotation())
@@ -60,9 +60,9 @@ def test_a_chair_that_was_found_the_wrong_way_round_is_turned(quarter):
 def test_a_turn_that_is_cheaper_by_chance_is_not_taken():
     """By less than the temperature: of the same two costs a larger temperature makes one of chance."""
     given = replace(task(starts=(turned(TRUE.retract(OFF), 2, PRIOR),)), prior=PRIOR)
-    plain = GraphEstimator(solver=SolverConfig(rounds=3), turns=None).estimate([given])[0]
+    plain = GraphEstimator(solver=SolverConfig(rounds=3), heading_modes=None).estimate([given])[0]
     unsure = replace(EVERY, temperature=1e6)
-    found = GraphEstimator(solver=SolverConfig(rounds=3), turns=unsure).estimate([given])[0]
+    found = GraphEstimator(solver=SolverConfig(rounds=3), heading_modes=unsure).estimate([given])[0]
     assert isinstance(found, Estimate)
     assert isinstance(plain, Estimate)
     np.testing.assert_array_equal(found.state.code, plain.state.code)
@@ -72,8 +72,8 @@ def test_a_turn_that_is_cheaper_by_chance_is_not_taken():
 
 def test_a_chair_that_stands_right_stays():
     given = replace(task(starts=(TRUE.retract(OFF),)), prior=PRIOR)
-    found = GraphEstimator(solver=SolverConfig(rounds=3), turns=EVERY).estimate([given])[0]
-    plain = GraphEstimator(solver=SolverConfig(rounds=3), turns=None).estimate([given])[0]
+    found = GraphEstimator(solver=SolverConfig(rounds=3), heading_modes=EVERY).estimate([given])[0]
+    plain = GraphEstimator(solver=SolverConfig(rounds=3), heading_modes=None).estimate([given])[0]
     assert isinstance(found, Estimate)
     assert isinstance(plain, Estimate)
     np.testing.assert_array_equal(found.state.code, plain.state.code)
@@ -84,10 +84,10 @@ def test_a_chair_that_stands_right_stays():
 
 def test_what_has_no_chance_is_not_solved():
     given = replace(task(starts=(TRUE,)), prior=PRIOR)
-    assert quarter_turns([given], [TRUE], GraphConfig(), QuarterTurnsConfig(reach=0.5)) == [None]
+    assert heading_modes([given], [TRUE], GraphConfig(), HeadingModesConfig(reach=0.5)) == [None]
     # nor what has no common box, nor what a detector has said the heading of
     others = [replace(given, prior=toy_prior()), replace(given, box=ANOTHER)]
-    assert quarter_turns(others, [TRUE, TRUE], GraphConfig(), EVERY) == [None, None]
+    assert heading_modes(others, [TRUE, TRUE], GraphConfig(), EVERY) == [None, None]
 
 
 def test_a_turn_that_is_cheaper_on_few_points_alone_is_not_taken(monkeypatch):
@@ -97,8 +97,8 @@ def test_a_turn_that_is_cheaper_on_few_points_alone_is_not_taken(monkeypatch):
         back = turned(estimates[0], 2, PRIOR)
         return [Turned(np.array([5.0, np.inf, 0.0, np.inf]), (estimates[0], None, back, None), 7, 9)]
 
-    monkeypatch.setattr(graph_estimator, "quarter_turns", misled)
-    plain = GraphEstimator(solver=SolverConfig(rounds=3), turns=None).estimate([given])[0]
+    monkeypatch.setattr(graph_estimator, "heading_modes", misled)
+    plain = GraphEstimator(solver=SolverConfig(rounds=3), heading_modes=None).estimate([given])[0]
     found = GraphEstimator(solver=SolverConfig(rounds=3)).estimate([given])[0]
     assert isinstance(found, Estimate)
     assert isinstance(plain, Estimate)

@@ -101,14 +101,14 @@ def own_slam() -> tuple[gtsam.NonlinearFactorGraph, gtsam.Values]:
     return graph, values
 
 
-@pytest.mark.parametrize("evidence", [0.0, 1.0])
-def test_an_object_without_information_leaves_the_caller_s_variables_alone(evidence):
+@pytest.mark.parametrize("effective_count", [0.0, 1.0])
+def test_an_object_without_information_leaves_the_caller_s_variables_alone(effective_count):
     plain = ObjectGraph(*own_slam())
     exact = SolverConfig(
         slopes=(200.0,), rounds=2, inner=LevenbergMarquardtConfig(iterations=60, relative_tolerance=0.0)
     )
     plain.optimize(exact)
-    objects = ObjectGraph(*own_slam(), GraphConfig(evidence=evidence))
+    objects = ObjectGraph(*own_slam(), GraphConfig(effective_count=effective_count))
     own_factors = objects.graph.size()
     state = toy_state()
     handle = objects.add_object(toy_prior(), state, up_world=UP)
@@ -127,7 +127,7 @@ def test_an_object_without_information_leaves_the_caller_s_variables_alone(evide
         for k in (0, 1)
     ]
     moves.append(np.abs(plain.values.atPoint3(L(0)) - objects.values.atPoint3(L(0))).max())
-    if evidence == 0.0:
+    if effective_count == 0.0:
         assert max(moves) < 1e-9
     else:
         assert min(moves) > 1e-3  # the same object with information does move them

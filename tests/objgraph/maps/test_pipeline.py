@@ -14,18 +14,19 @@ from scipy.stats import chi2
 from factors.state import ObjectState
 from objgraph.bench.metrics.maps import ERROR_KEYS, evaluate_map
 from objgraph.covariance.box import box_pose
-from objgraph.covariance.heading_modes import Turns
+from objgraph.covariance.heading_modes import HeadingModes
 from objgraph.covariance.labelled import ObjectCovariance
 from objgraph.covariance.surface import surface_sigma
 from objgraph.datasets.ground_truth import AnnotatedScan, GroundTruth
 from objgraph.errors import EvaluationError, InitialisationError, ObservationError, SolveError
 from objgraph.estimate import AdamConfig
+from objgraph.estimate.task import Estimate
 from objgraph.estimate.terms import RaySteps
 from objgraph.graph.builder import ObjectBuilder
 from objgraph.graph.initialise import InitialisationConfig
 from objgraph.graph.solve import SolverConfig, solve
 from objgraph.maps import pipeline as mapping
-from objgraph.maps.entry import Found, map_entry
+from objgraph.maps.entry import map_entry
 from objgraph.maps.object_map import ObjectMap
 from objgraph.maps.pipeline import MappingConfig, map_object, map_scan, scene_points
 from objgraph.observation.frames import Instance, Scan
@@ -331,7 +332,7 @@ def test_an_estimate_without_covariance_cannot_be_mapped():
 def test_surfaces_of_the_map_are_as_uncertain_as_the_prior_says():
     state, prior = toy_state(1.0), toy_prior()
     covariance = ObjectCovariance.diagonal(np.full(13, 1e-4), "marginals")
-    estimate = Found(state, covariance, 2.0, 1.0, 1, 1)
+    estimate = Estimate(state, covariance, 2.0, 1.0, 1, 1)
     views = [observe(toy_frame([state], 0.3), 1, CONFIG.sampling)]
     usual, wide = (
         map_entry(Instance(3, "chair"), replace(prior, surface_misfit=factor), estimate, views, 24)
@@ -351,8 +352,8 @@ def test_the_box_has_the_calibrated_covariance_or_none():
     state, misfit = toy_state(1.0), BoxMisfit(0.03, 0.4, 0.1, marginals=1.5, view_cost=40.0)
     prior = replace(toy_prior(), box_misfit=misfit)
     covariance = ObjectCovariance.diagonal(np.full(13, 1e-4), "marginals")
-    turns = Turns(np.array([0.7, 0.0, 0.3, 0.0]))
-    estimate = Found(state, covariance, 2.0, 1.0, 1, 1, view_cost=60.0, turns=turns)
+    turns = HeadingModes(np.array([0.7, 0.0, 0.3, 0.0]))
+    estimate = Estimate(state, covariance, 2.0, 1.0, 1, 1, view_cost=60.0, turns=turns)
     views = [observe(toy_frame([state], 0.3), 1, CONFIG.sampling)]
     found = map_entry(Instance(3, "chair"), prior, estimate, views, 24)
     assert found.vertices is not None

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from objgraph.errors import ObservationError
 from objgraph.observation.frames import Frame, Intrinsics
-from objgraph.observation.sampling import SamplingConfig, SensorNoise, observe, patch_shares
+from objgraph.observation.sampling import SamplingConfig, SensorNoise, independent_shares, observe
 from tests.toys import ToyDecoder, toy_frame, toy_state
 
 CAMERA = Intrinsics(80.0, 80.0, 31.5, 23.5, 64, 48)
@@ -168,7 +168,11 @@ def test_the_counts_of_the_configuration_are_kept():
     few = observe(flat_frame(), 7, SamplingConfig(points=10_000, hits=10_000, free=10_000))
     assert len(few.points_camera) == few.rays.hit.sum() <= 24**2
     thin = view.thinned(8, 5)
-    assert (len(thin.points_camera), len(thin.rays.depth), thin.patch) == (8, 5, view.patch)
+    assert (len(thin.points_camera), len(thin.rays.depth), thin.correlation_length) == (
+        8,
+        5,
+        view.correlation_length,
+    )
     assert {tuple(p) for p in thin.points_camera} <= {tuple(p) for p in view.points_camera}
 
 
@@ -207,7 +211,7 @@ def test_patches_do_not_depend_on_how_many_pixels_are_sampled(seed, more, size):
     base = (cells[:, None] + rng.uniform(0.05, 0.95, (len(cells), 40, 3))).reshape(-1, 3) * 0.2
     repeated = np.repeat(base, more, axis=0)
     for points in (base, repeated):
-        assert patch_shares(points, 0.2, most=0.5).sum() == pytest.approx(size**3)
+        assert independent_shares(points, 0.2, most=0.5).sum() == pytest.approx(size**3)
 
 
 def test_patches_of_a_view_do_not_depend_on_its_resolution():
@@ -228,7 +232,7 @@ def test_patches_of_a_view_do_not_depend_on_its_resolution():
 
 def test_a_stray_point_is_no_patch():
     points = np.concatenate([np.full((500, 3), 0.1), np.full((1, 3), 5.1)])
-    share = patch_shares(points, 0.2, most=0.5)
+    share = independent_shares(points, 0.2, most=0.5)
     assert share[:500].sum() == pytest.approx(1)
     assert share[500] == 0.5
 
@@ -238,7 +242,9 @@ def test_hits_and_free_rays_are_counted_apart():
     hit = view.rays.hit
     for group, most in ((hit, 0.25), (~hit, 1.0)):
         at = view.rays.directions_camera[group] * view.rays.depth[group, None]
-        np.testing.assert_allclose(view.rays_share[group], patch_shares(at, view.patch, most))
+        np.testing.assert_allclose(
+            view.rays_share[group], independent_shares(at, view.correlation_length, most)
+        )
 
 
 def test_what_is_seen_past_the_object_is_not_of_it():

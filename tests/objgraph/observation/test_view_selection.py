@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from objgraph.datasets import load_scan
 from objgraph.errors import ObservationError
 from objgraph.observation.frames import Frame, FrameSource, Intrinsics
-from objgraph.observation.view_selection import InstanceView, ViewConfig, ViewIndex, select_views, summarize
+from objgraph.observation.view_selection import InstanceView, ViewIndex, ViewSelectionConfig, summarize
 
 CAMERA = Intrinsics(60, 60, 31.5, 23.5, 64, 48)
 
@@ -49,7 +49,7 @@ def _view(frame, pixels=2000.0, cut=0.0, voxels=(1,), angle=0.0):
 
 
 def _select(views, count, config=None):
-    return ViewIndex({1: views}, config or ViewConfig()).select(1, count)
+    return ViewIndex({1: views}, config or ViewSelectionConfig()).select(1, count)
 
 
 def test_what_a_frame_sees_is_summarised():
@@ -150,7 +150,6 @@ def test_frames_are_read_once_for_all_instances():
     assert (index.select(1, 3), index.select(2, 3)) == ([0], [1])
     assert frames.reads == 2
     assert seen == [(1, 2), (2, 2)]
-    assert select_views(frames, 2, 1) == [1]
 
 
 def test_an_instance_that_no_frame_sees_is_named():
@@ -158,11 +157,11 @@ def test_an_instance_that_no_frame_sees_is_named():
     frames = Frames([_frame(), blind])
     for instance_id in (3, 4):
         with pytest.raises(ObservationError, match=f"instance {instance_id}: no frame"):
-            select_views(frames, instance_id, 2)
+            summarize(frames).select(instance_id, 2)
     with pytest.raises(ObservationError, match="0 views"):
-        select_views(frames, 1, 0)
+        summarize(frames).select(1, 0)
     with pytest.raises(ObservationError, match="no frame"):
-        select_views(Frames([]), 1, 1)
+        summarize(Frames([])).select(1, 1)
 
 
 def test_views_of_the_real_scan_see_more_than_the_largest_masks(shared_data):

@@ -6,12 +6,12 @@ import trimesh
 from PIL import Image
 
 from objgraph.errors import MapError
-from objgraph.geometry.transforms import look_at
+from objgraph.geometry.frames import look_at
 from objgraph.maps.mapped_object import MappedObject
 from objgraph.maps.object_map import ObjectMap
 from objgraph.show import figure, raster
 from objgraph.show import framing as views
-from objgraph.show.map_picture import map_picture, object_picture
+from objgraph.show.map_picture import map_picture
 
 UP = np.array([0.0, 0.0, 1.0])
 RED, GREEN = np.array([1.0, 0, 0]), np.array([0, 1.0, 0])
@@ -24,8 +24,8 @@ def ball(radius=0.5, center=(0.0, 0.0, 0.0), color=RED) -> raster.Surface:
 
 
 def camera(distance=4.0) -> raster.Camera:
-    T_world_camera = look_at(np.array([0, -distance, 0]), np.zeros(3), UP)
-    return raster.Camera(views.intrinsics_for(160, 120), T_world_camera)
+    T = look_at(np.array([0, -distance, 0]), np.zeros(3), UP)
+    return raster.Camera(views.intrinsics_for(160, 120), T)
 
 
 def test_look_at_gives_a_right_handed_upright_opencv_camera():
@@ -165,26 +165,11 @@ def test_the_map_picture_takes_colours_objects_without_sigma_and_no_points(tmp_p
     assert ((picture[..., 0] - picture[..., 1]) > 0.2).mean() > 0.05
 
 
-def test_the_object_picture_has_points_beside_the_mesh(tmp_path):
-    object_map, _ = scene()
-    entry = object_map.objects[0]
-    path = tmp_path / "object.png"
-    assert entry.vertices is not None
-    object_picture(entry, entry.vertices, None, UP, path, width=600)
-    picture = opened(path)
-    saturation = picture.max(axis=2) - picture.min(axis=2)
-    thirds = [(saturation[60:, 186 * i + 6 : 186 * i + 180] > 0.15).mean() for i in range(3)]
-    assert thirds[0] < 0.01
-    assert min(thirds[1:]) > 0.2
-
-
 def test_what_cannot_be_drawn_is_named(tmp_path):
     object_map, points = scene()
     lost = object_map.objects[2]
     with pytest.raises(MapError, match="nothing to draw"):
         map_picture(ObjectMap("room", (lost,), UP), points, None, tmp_path / "map.png")
-    with pytest.raises(MapError, match=r"object 7 \(box\).*12 pixels"):
-        object_picture(lost, points, None, UP, tmp_path / "map.png")
     with pytest.raises(MapError, match="as many RGB colours"):
         map_picture(object_map, points, points[:3], tmp_path / "map.png")
     assert not list(tmp_path.iterdir())

@@ -40,7 +40,9 @@ def egg_view(state: ObjectState, T_world_camera: gtsam.Pose3, rng, count=60, sig
     depth = p_camera[:, 2]
     hit = np.ones(len(depth), bool)
     rays = Rays(p_camera / depth[:, None], depth, hit, depth + 1, np.full(len(depth), sigma))
-    return ObjectView("egg", T_world_camera, p_camera, np.full(len(depth), sigma), rays, patch=1e-4)
+    return ObjectView(
+        "egg", T_world_camera, p_camera, np.full(len(depth), sigma), rays, correlation_length=1e-4
+    )
 
 
 def random_covariance(rng, sigma) -> np.ndarray:

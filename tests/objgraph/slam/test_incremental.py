@@ -199,7 +199,7 @@ def test_a_failed_update_leaves_the_map_as_it_was(world):
     objects = mapper()
     for frame in world.frames[:3]:
         objects.update(frame, world.detections(frame))
-    before, frame = objects.system.smoother.estimate(), world.frames[3]
+    before, frame = objects.estimate(), world.frames[3]
     counts = len(objects.cameras), len(objects.objects), [len(o.observations) for o in objects.objects]
     loose = gtsam.Values()
     loose.insert(L(0), gtsam.Pose3())
@@ -210,7 +210,7 @@ def test_a_failed_update_leaves_the_map_as_it_was(world):
     assert counts == (
         len(objects.cameras), len(objects.objects), [len(o.observations) for o in objects.objects]
     )  # fmt: skip
-    after = objects.system.smoother.estimate()
+    after = objects.estimate()
     assert sorted(after.keys()) == sorted(before.keys())
     report = objects.update(frame, world.detections(frame))
     assert report.camera == X(3)

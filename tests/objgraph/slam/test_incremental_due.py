@@ -14,6 +14,7 @@ from objgraph.errors import SolveError
 from objgraph.graph.builder import ObjectBuilder
 from objgraph.slam.incremental import system as module
 from objgraph.slam.incremental.config import IncrementalConfig, Tolerance
+from objgraph.slam.incremental.smoother import Smoother
 from objgraph.slam.incremental.system import IncrementalSystem
 from objgraph.slam.incremental.tracked import Observation, TrackedObject
 from tests.toys import TOY_CODE, toy_prior
@@ -44,7 +45,8 @@ def system(request, monkeypatch) -> IncrementalSystem:
     monkeypatch.setattr(ObjectBuilder, "alone", fail)
     monkeypatch.setattr(TrackedObject, "departure", lambda *_: 0.0)
     monkeypatch.setattr(TrackedObject, "has_travelled", lambda *_: False)
-    return IncrementalSystem(IncrementalConfig(lag=request.param), np.array([0.0, 0.0, 1.0]), None)
+    config, up = IncrementalConfig(lag=request.param), np.array([0.0, 0.0, 1.0])
+    return IncrementalSystem(config, ObjectBuilder(config.graph, up), Smoother(config.lag))
 
 
 def enter(system: IncrementalSystem, index: int, cameras: list[int]) -> TrackedObject:
