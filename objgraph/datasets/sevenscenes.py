@@ -28,7 +28,7 @@ from objgraph.datasets.files import (
     usable_poses,
 )
 from objgraph.errors import DatasetError
-from objgraph.geometry.frames import transformed
+from objgraph.geometry.frames import transformed, transformed_back
 from objgraph.observation.frames import Frame, Instance, Intrinsics, Scan
 
 log = logging.getLogger(__name__)
@@ -151,7 +151,7 @@ def _masks(
     v, u, p_world = v[candidates], u[candidates], p_world[candidates]
     ids = np.zeros(len(p_world), dtype=np.int32)
     by_volume = sorted(boxes, key=lambda box: float(box.half_size.prod()))
-    p_boxes = [(p_world - box.T_world_box[:3, 3]) @ box.T_world_box[:3, :3] for box in by_volume]
+    p_boxes = [transformed_back(box.T_world_box, p_world) for box in by_volume]
     inside = [
         (np.abs(p_box) < box.half_size).all(axis=1) for box, p_box in zip(by_volume, p_boxes, strict=True)
     ]

@@ -122,7 +122,7 @@ def _settle(
     half = np.array(config.size_m) / 2
     low, high = (-_MIDDLE * half, _MIDDLE * half) if in_middle else (-half * [1, _NEAR_SIDE], half)
     for _ in range(_FREE_TRIES):
-        candidate = _stand(piece, scale, rng.uniform(low, high), rng.uniform(-np.pi, np.pi))
+        candidate = stand(piece, scale, rng.uniform(low, high), rng.uniform(-np.pi, np.pi))
         if _free(candidate, placed, config):
             return candidate
     raise _no_room(piece, config)
@@ -143,7 +143,7 @@ def _seat(
     for distance in np.linspace(0.3, 2.0, _SEAT_TRIES):
         out = np.array([np.cos(bearing), np.sin(bearing)])
         # at yaw 0 the front, -z, looks along world +y
-        candidate = _stand(piece, scale, table[:2, 3] + distance * out, bearing + np.pi / 2 + turn)
+        candidate = stand(piece, scale, table[:2, 3] + distance * out, bearing + np.pi / 2 + turn)
         if _free(candidate, placed, config):
             return candidate
     raise _no_room(piece, config)
@@ -156,7 +156,8 @@ def _draw_scale(piece: Furniture, config: RoomConfig, rng: np.random.Generator) 
     return piece.diagonal_m * stretch
 
 
-def _stand(piece: Furniture, scale: np.ndarray, at: np.ndarray, yaw: float) -> PlacedFurniture:
+def stand(piece: Furniture, scale: np.ndarray, at: np.ndarray, yaw: float) -> PlacedFurniture:
+    """The piece on the floor at (x, y), turned by `yaw` about z; at 0 its front looks along +y."""
     c, s = np.cos(yaw), np.sin(yaw)
     T = np.eye(4)
     T[:3, :3] = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]]) @ _UPRIGHT

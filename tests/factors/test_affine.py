@@ -71,11 +71,15 @@ def missing(*_):
     raise AttributeError("'_OpNamespace' 'mkldnn' object has no attribute '_linear_pointwise'")
 
 
+def refused(*_):
+    raise ValueError("another count of arguments is due")
+
+
 def changed(x, weight, bias):
     return x @ weight.T  # forgets the bias
 
 
-@pytest.mark.parametrize("product", [missing, changed])
+@pytest.mark.parametrize("product", [missing, refused, changed])
 def test_without_the_operator_layers_are_torch_s_own(product, monkeypatch) -> None:
     """A private operator may go or change with a release of torch."""
     monkeypatch.setattr(affine_module, "_product", product)
@@ -92,4 +96,15 @@ def test_without_the_operator_layers_are_torch_s_own(product, monkeypatch) -> No
             torch.autograd.grad(nn.functional.linear(x, weight, bias).sum(), [x, weight, bias]),
         )
     finally:
+        affine_module._has_onednn.cache_clear()
+
+
+def test_whether_the_operator_is_there_does_not_depend_on_who_asks_first() -> None:
+    expected = affine_module._has_onednn()
+    affine_module._has_onednn.cache_clear()
+    torch.set_default_dtype(torch.float64)
+    try:
+        assert affine_module._has_onednn() == expected
+    finally:
+        torch.set_default_dtype(torch.float32)
         affine_module._has_onednn.cache_clear()

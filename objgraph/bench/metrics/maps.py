@@ -10,6 +10,7 @@ from typing import Any
 from objgraph.bench.metrics.metrics import Evaluation, evaluate_object
 from objgraph.datasets.ground_truth import GroundTruth
 from objgraph.errors import EvaluationError
+from objgraph.geometry.frames import transformed_back
 from objgraph.maps.files import replace_file
 from objgraph.maps.mapped_object import MappedObject
 from objgraph.maps.object_map import ObjectMap
@@ -64,8 +65,7 @@ def evaluate_map(object_map: ObjectMap, truths: Mapping[int, GroundTruth], seed:
 def _errors(entry: MappedObject, truth: GroundTruth, seed: int) -> dict[str, Any]:
     if entry.vertices is None or entry.faces is None or entry.T_world_object is None or entry.scale is None:
         return dict(_WRONG)
-    R, t = entry.T_world_object[:3, :3], entry.T_world_object[:3, 3]
-    p_object = (entry.vertices - t) @ R / entry.scale
+    p_object = transformed_back(entry.T_world_object, entry.vertices) / entry.scale
     try:
         errors = evaluate_object(entry.T_world_object, entry.scale, p_object, entry.faces, truth, seed)
     except EvaluationError as error:

@@ -10,7 +10,7 @@ from numpy.random import Generator
 from objgraph.bench.worlds.families import FAMILIES, make_piece
 from objgraph.synthetic.furniture import Category, Furniture
 from objgraph.synthetic.parts import join
-from objgraph.synthetic.scene import PlacedFurniture, RoomConfig, overlap, room_shell
+from objgraph.synthetic.scene import PlacedFurniture, RoomConfig, overlap, room_shell, stand
 
 Rectangle = Float[np.ndarray, "4 2"]
 _TRIES = 60
@@ -18,7 +18,6 @@ _FURNITURE = 0.65
 """Share of furniture among the clutter; the rest are boxes and plants."""
 _NEAR_VIEW = 0.5
 """Share of the clutter that stands on the side from which the first view looks."""
-_UPRIGHT = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])  # object y up to world z up
 
 
 @dataclass(frozen=True)
@@ -72,15 +71,6 @@ def draw_scale(piece: Furniture, rng: Generator, stretch: float = 0.05) -> Float
     if piece.symmetry in (0, 4):
         scale[2] = scale[0]
     return scale
-
-
-def stand(piece: Furniture, scale: np.ndarray, at: np.ndarray, yaw: float) -> PlacedFurniture:
-    """The piece on the floor at (x, y), turned by `yaw` about z; at 0 its front looks along +y."""
-    c, s = np.cos(yaw), np.sin(yaw)
-    T_world_object = np.eye(4)
-    T_world_object[:3, :3] = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]]) @ _UPRIGHT
-    T_world_object[:3, 3] = [*at, -scale[1] * piece.mesh.bounds[0, 1]]
-    return PlacedFurniture(piece, T_world_object, scale)
 
 
 def _any_piece(rng: Generator) -> Furniture:

@@ -57,7 +57,7 @@ def road_under(
 ) -> Road | None:
     """The plane of most returns about the object and under its middle; None where too few lie on any.
 
-    Of planes through three random returns the one with the most on it (RANSAC), fitted again to these.
+    Of planes through three random returns the one with the most on it, fitted again to these.
     """
     config = config or RoadConfig()
     in_box = detection.to_box(p_world)
@@ -69,17 +69,16 @@ def road_under(
     points = p_world[near]
     if len(points) < config.least:
         return None
-    import open3d as o3d  # slow to import
-
-    middle, up = points.mean(axis=0), np.asarray(up_world, float)
+    middle = points.mean(axis=0)
     local = points - middle
-    o3d.utility.random.seed(seed)
-    cloud = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(local))
-    plane, on_plane = cloud.segment_plane(config.thickness, ransac_n=3, num_iterations=config.draws)
-    steep = abs(plane[:3] @ up) < np.cos(config.tilt)  # a wall is no road
-    if steep or len(on_plane) < config.least:
+    normals, heights = _planes(local, np.asarray(up_world, float), config, seed)
+    if not len(normals):
         return None
-    return _fitted(local[on_plane], middle, up, config)
+    distances = np.abs(local @ normals.T - heights)
+    on_plane = distances[:, np.argmax((distances < config.thickness).sum(axis=0))] < config.thickness
+    if np.count_nonzero(on_plane) < config.least:
+        return None
+    return _fitted(local[on_plane], middle, np.asarray(up_world, float), config)
 
 
 def _fitted(
@@ -98,3 +97,19 @@ def _fitted(
     normal = up_world - slope_a * across[0] - slope_b * across[1]
     length = np.linalg.norm(normal)
     return Road(normal / length, float((normal @ middle + offset) / length))
+
+
+def _planes(
+    local: Float[np.ndarray, "n 3"], up_world: Float[np.ndarray, "3"], config: RoadConfig, seed: int
+) -> tuple[Float[np.ndarray, "k 3"], Float[np.ndarray, "k"]]:
+    """Upward normals and heights of planes through three random points each, of those that lie about level."""
+    # not open3d's segment_plane: it loses the road beside a larger wall, and more threads than one outrun its seed
+    rng = np.random.default_rng(seed)
+    a, b, c = local[rng.integers(len(local), size=(3, config.draws))]
+    normals = np.cross(b - a, c - a)
+    length = np.linalg.norm(normals, axis=1)
+    wide = length > 0.1
+    a, normals = a[wide], normals[wide] / length[wide, None]
+    normals *= np.sign(normals @ up_world)[:, None]
+    level = normals @ up_world > np.cos(config.tilt)
+    return normals[level], (a[level] * normals[level]).sum(axis=1)

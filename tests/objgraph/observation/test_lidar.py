@@ -161,6 +161,17 @@ def test_a_leaning_road_is_found_among_clutter(across, ahead, seed):
     assert road.normal_world @ normal / np.linalg.norm(normal) > np.cos(0.025)
 
 
+@pytest.mark.parametrize("seed", range(5))
+def test_a_road_beside_a_house_of_more_returns_is_found(seed):
+    rng = np.random.default_rng(seed)
+    x, ahead, high = rng.uniform(-5, 5, 300), rng.uniform(7, 17, 300), rng.uniform(0.2, 0.8, 600)
+    road = np.column_stack([x, 0.8 + rng.normal(0, 0.01, 300), ahead])
+    house = np.column_stack([4.0 + rng.normal(0, 0.01, 600), high, rng.uniform(7, 17, 600)])
+    found = road_under(np.concatenate([road, house]), UP, detection_at(0, 0, 12), seed=seed)
+    assert found is not None
+    assert abs(found.above(np.array([[0.0, 0.8, 12.0]]))[0]) < 0.05
+
+
 def test_there_may_be_no_road():
     car = detection_at(0, 0, 12)
     assert road_under(np.zeros((0, 3)), UP, car) is None
