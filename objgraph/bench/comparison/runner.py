@@ -1,36 +1,42 @@
-"""Runs what is not done yet, in this process or in several, and hands over each row as it comes."""
+"""Runs what is not done yet, in this process or in several, and hands over rows as they come."""
 
 import logging
 import signal
-from collections import deque
 from collections.abc import Iterator, Sequence
-from multiprocessing import get_context
-from multiprocessing.connection import Connection, wait
-from typing import Any, Protocol, TypeVar
+from concurrent.futures import Future, ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import suppress
+from multiprocessing import active_children, get_context
+from typing import Protocol, TypeVar
 
 import torch
 
 from objgraph.errors import EvaluationError
 
-Row = TypeVar("Row", covariant=True)
+Row = TypeVar("Row")
+Made = TypeVar("Made", covariant=True)
 
 
-class Job(Protocol[Row]):
+class Job(Protocol[Made]):
     """Some of the work; it is sent to other processes, so it is small and can be pickled."""
 
     @property
-    def name(self) -> str: ...
+    def name(self) -> str:
+        """Its own among the jobs."""
+        ...
 
-    def rows(self) -> Iterator[Row]:
+    def rows(self) -> Iterator[Made]:
         """What comes of it, as it is done; whatever goes wrong is in the rows."""
         ...
 
 
 def run(jobs: Sequence[Job[Row]], processes: int = 1) -> Iterator[Row]:
-    """The rows of all jobs, in the order in which they are done; each process uses one thread.
+    """The rows of all jobs, as they are done; of several processes those of a job come together, at its end.
+
+    Each process uses one thread. Stopped (by Ctrl-C, or by closing this) it does not wait for what is in progress.
 
     Raises:
-        EvaluationError: a process died; what it had handed over is not lost.
+        EvaluationError: a process died; the rows of the jobs that were done by then have been handed over.
     """
     if processes > 1 and len(jobs) > 1:
         yield from _in_processes(jobs, min(processes, len(jobs)))
@@ -45,69 +51,39 @@ def run(jobs: Sequence[Job[Row]], processes: int = 1) -> Iterator[Row]:
 
 
 def _in_processes(jobs: Sequence[Job[Row]], count: int) -> Iterator[Row]:
-    context = get_context("spawn")
-    waiting = deque(jobs)
-    workers, doing = {}, {}
+    others = set(active_children())
+    pool = ProcessPoolExecutor(count, get_context("spawn"), _begin)
+    left = {job.name: None for job in jobs}  # in the order in which the pool takes them
+    futures: dict[Future[list[Row]], str] = {}
     try:
-        for _ in range(count):
-            ours, theirs = context.Pipe()
-            worker = context.Process(target=_work, args=(theirs,), daemon=True)
-            worker.start()
-            theirs.close()
-            workers[ours] = worker
-            _give(ours, waiting.popleft(), doing)
-        while workers:
-            for connection in wait(list(workers)):
-                assert isinstance(connection, Connection)
-                row = _received(connection, doing)
-                if row is not None:
-                    yield row
-                elif waiting:
-                    _give(connection, waiting.popleft(), doing)
-                else:
-                    connection.close()
-                    workers.pop(connection).join()
+        with suppress(BrokenProcessPool):  # told below, after the rows of what is done
+            for job in jobs:
+                futures[pool.submit(_rows, job)] = job.name
+        for future in as_completed(futures):
+            if not isinstance(future.exception(), BrokenProcessPool):
+                yield from future.result()
+                del left[futures[future]]
+        if left:
+            raise _died([*left][:count])
     finally:
-        for worker in workers.values():
-            worker.terminate()
-            worker.join()
+        if left:
+            for worker in set(active_children()) - others:
+                worker.terminate()
+        pool.shutdown(cancel_futures=True)
 
 
-def _give(connection: Connection, job: Job, doing: dict[Connection, str]) -> None:
-    doing[connection] = job.name
-    try:
-        connection.send(job)
-    except OSError as error:
-        raise _died(job.name) from error
-
-
-def _received(connection: Connection, doing: dict[Connection, str]) -> Any:
-    try:
-        return connection.recv()
-    except (EOFError, OSError) as error:
-        raise _died(doing[connection]) from error
-
-
-def _died(case: str) -> EvaluationError:
+def _died(cases: Sequence[str]) -> EvaluationError:
     return EvaluationError(
-        f"the process that was at {case} died, perhaps for want of memory: the same command goes on from here, "
-        "with fewer --jobs it needs less"
+        f"a process that was at {' or '.join(cases)} died, perhaps for want of memory: the same command goes on from "
+        "here, with fewer --jobs it needs less"
     )
 
 
-def _work(connection: Connection) -> None:
-    """Jobs in, rows out, None after the last of each; ends when the other end is closed."""
+def _begin() -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent sees to it
     logging.getLogger().setLevel(logging.ERROR)  # what matters is in the rows
     torch.set_num_threads(1)
-    while True:
-        try:
-            job = connection.recv()
-        except EOFError:
-            return
-        try:
-            for row in job.rows():
-                connection.send(row)
-            connection.send(None)
-        except BrokenPipeError:
-            return
+
+
+def _rows(job: Job[Row]) -> list[Row]:
+    return list(job.rows())

@@ -175,10 +175,10 @@ def test_processes_give_what_one_process_gives_and_one_that_dies_is_told(tmp_pat
     one = compare(toy_comparison(tmp_path / "one", methods=("near", "fails", "far"), cases=3))
     comparison = toy_comparison(tmp_path / "two", methods=("near", "fails", "far"), cases=3)
     dying = FakeSource((*map(FakeCase, range(3)), FakeCase(7, fault="dies")))
-    with pytest.raises(EvaluationError, match="at chair-7 died"):
+    with pytest.raises(EvaluationError, match=r"at (chair-\d or )?chair-7 died"):
         compare(replace(comparison, source=dying), processes=2)
     done = (comparison.out / ROWS).read_text().splitlines()
-    assert len(done) >= 6  # all of the case that was before it in the same process
+    assert len(done) >= 6  # all of the case that was before it
     two = compare(comparison)
     assert (comparison.out / ROWS).read_text().splitlines()[: len(done)] == done
     assert [same(a, b) for a, b in zip(one, two, strict=True)] == [[]] * 18

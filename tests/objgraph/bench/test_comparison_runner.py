@@ -1,0 +1,57 @@
+"""The runner on jobs without work: rows of all, in one process or several, and what becomes of them when it ends early."""
+
+import os
+import time
+from collections.abc import Iterator
+from contextlib import closing
+from dataclasses import dataclass
+from multiprocessing import active_children
+
+import pytest
+import torch
+
+from objgraph.bench.comparison.runner import run
+from objgraph.errors import EvaluationError
+
+
+@dataclass(frozen=True)
+class Count:
+    """Two rows: its name, and the threads and the process that made it."""
+
+    name: str
+    fault: str = ""
+
+    def rows(self) -> Iterator[tuple[str, int, int]]:
+        for _ in range(2):
+            yield self.name, torch.get_num_threads(), os.getpid()
+        if self.fault == "dies":
+            os._exit(3)
+        if self.fault == "waits":
+            time.sleep(300)
+
+
+@pytest.mark.parametrize("processes", [1, 2])
+def test_all_jobs_are_run_with_one_thread_each(processes):
+    rows = list(run([Count(name) for name in "abc"], processes))
+    assert sorted(name for name, *_ in rows) == [*"aabbcc"]
+    assert {threads for _, threads, _ in rows} == {1}
+    assert (os.getpid() in {process for *_, process in rows}) == (processes == 1)
+    assert not active_children()
+
+
+def test_a_process_that_dies_is_told_after_the_rows_of_what_is_done():
+    # a is done before c is begun, and b never is
+    jobs = [Count("a"), Count("b", "waits"), Count("c", "dies"), Count("d")]
+    rows = []
+    with pytest.raises(EvaluationError, match=r"at b or c died.*the same command goes on"):
+        rows.extend(name for name, *_ in run(jobs, 2))  # extend keeps what came before the error
+    assert rows == ["a", "a"]
+    assert not active_children()
+
+
+def test_what_is_in_progress_is_not_waited_for_when_it_is_stopped():
+    begun = time.monotonic()
+    with closing(run([Count("a"), Count("b", "waits"), Count("c", "waits")], 2)) as rows:
+        assert next(rows)[0] == "a"
+    assert time.monotonic() - begun < 120
+    assert not active_children()
