@@ -7,13 +7,13 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 
-from objgraph.bench.comparison import compare as comparing
 from objgraph.bench.comparison import config as comparison_config
 from objgraph.bench.comparison import measure as comparing_measure
 from objgraph.bench.comparison.compare import CSV, ROWS, Comparison, compare, starts_apart
 from objgraph.bench.comparison.measure import Job, measure
 from objgraph.bench.comparison.methods import METHODS, Method
 from objgraph.bench.comparison.rows import ObjectRow
+from objgraph.bench.comparison.store import SETTINGS
 from objgraph.errors import EvaluationError
 from objgraph.priors.misfit import BoxMisfit
 from tests.objgraph.bench.comparison_fakes import (
@@ -316,4 +316,4 @@ def test_what_cannot_be_compared_is_a_typed_error(tmp_path):
     twice = FakeSource((FakeCase(1), FakeCase(1)))
     with pytest.raises(EvaluationError, match="two objects are called chair-1"):
         compare(replace(toy_comparison(tmp_path), source=twice))
-    assert comparing.SETTINGS not in [path.name for path in tmp_path.rglob("*")]
+    assert SETTINGS not in [path.name for path in tmp_path.rglob("*")]
