@@ -1,6 +1,8 @@
 """What the command line does with methods: `objgraph evaluate`."""
 
 import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -8,28 +10,21 @@ from typing import Annotated, Any, Literal
 import tyro
 from rich.console import Console
 
-from objgraph.bench.comparison.boxes.compare import ROWS as BOX_ROWS
-from objgraph.bench.comparison.boxes.compare import LidarComparison
-from objgraph.bench.comparison.boxes.evaluate import KITTI, run_box_comparison
-from objgraph.bench.comparison.calibration import MEASURED, calibration
-from objgraph.bench.comparison.cases import CaseSource
+from objgraph.bench.comparison.box_compare import KITTI, LidarComparison, compare_boxes
+from objgraph.bench.comparison.box_compare import ROWS as BOX_ROWS
+from objgraph.bench.comparison.box_report import box_report
+from objgraph.bench.comparison.cases import SYNTHETIC, CaseSource, SyntheticSource
 from objgraph.bench.comparison.compare import ROWS, Comparison, compare
 from objgraph.bench.comparison.config import ComparisonConfig
-from objgraph.bench.comparison.document import document, markdown
-from objgraph.bench.comparison.fused_rows import with_fused
 from objgraph.bench.comparison.methods import METHODS
-from objgraph.bench.comparison.plots import error_plot, reliability_plot, uncertainty_plot
-from objgraph.bench.comparison.rows import ObjectRow, write_text
+from objgraph.bench.comparison.object_report import calibration_report, object_report
+from objgraph.bench.comparison.report import Report
 from objgraph.bench.comparison.scan_cases import ScanSource, read_split
-from objgraph.bench.comparison.summary import paired, summarize
-from objgraph.bench.comparison.synthetic_source import SYNTHETIC, SyntheticSource
-from objgraph.bench.comparison.tables import all_tables, calibration_tables
 from objgraph.bench.worlds.cases import BenchmarkConfig
 from objgraph.bench.worlds.viewpoints import VIEWS
-from objgraph.cli.progress import progress
+from objgraph.cli.progress import Progress, progress
 from objgraph.datasets.registry import datasets
 from objgraph.errors import EvaluationError
-from objgraph.training.mesh_folder import write_json
 from objgraph.version import program_version
 
 List = Annotated[tuple[str, ...], tyro.conf.arg(metavar="A,B,..")]
@@ -97,49 +92,20 @@ def run_evaluate(command: EvaluateCommand, console: Console, line: str) -> dict[
             stopped, and can go on.
         DatasetError: the data cannot be read, or nothing is left of them.
     """
-    if command.dataset == KITTI:
-        return _boxes(command, console, line)
+    report = (_boxes if command.dataset == KITTI else _objects)(command, console)
+    return report.publish(line, command.json, command.folder, console)
+
+
+def _objects(command: EvaluateCommand, console: Console) -> Report:
+    """Tables I and II, or the calibration of the same rows."""
     comparison = _comparison(command)
     _check_writable(command.json)
-    rows = _compare(comparison, command, console)
-    if command.calibration:
-        return _calibrated(comparison, rows, command, console, line)
-    entries = summarize(rows, comparison.methods, command.seed)
-    pairs = paired(rows, comparison.methods, command.seed)
-    result = document(comparison, rows, entries, pairs, line)
-    write_json(result, command.json)
-    tables = all_tables(entries, pairs, comparison.methods, _data(comparison))
-    write_text(markdown(tables, line, command.seed), command.folder / "tables.md")
-    _plots(comparison, rows, entries, command.folder)
-    for table in tables:
-        console.print(table.rich())
-    console.print(f"figures in {command.json}, tables, rows and plots in {command.folder}", soft_wrap=True)
-    return result
+    with _running(command.folder / ROWS, console) as tell:
+        rows = compare(comparison, command.jobs, command.retry_failed, program_version(), tell)
+    return (calibration_report if command.calibration else object_report)(comparison, rows)
 
 
-def _calibrated(
-    comparison: Comparison, rows: list[ObjectRow], command: EvaluateCommand, console: Console, line: str
-) -> dict[str, Any]:
-    """What the covariances of the same rows are worth."""
-    rows, methods = with_fused(rows, comparison.methods)
-    entries = calibration(rows, methods, command.seed)
-    if not entries:
-        raise EvaluationError(
-            f"none of {', '.join(comparison.methods)} gives a covariance in {command.folder / ROWS} that could be judged: "
-            "add graph or ours, or give a fresh --out"
-        )
-    result = document(comparison, rows, entries, [], line) | {"measured": MEASURED}
-    write_json(result, command.json)
-    tables = calibration_tables(entries, _data(comparison))
-    write_text(markdown(tables, line, command.seed), command.folder / "calibration.md")
-    reliability_plot(rows, methods, _data(comparison), command.folder / "reliability.png")
-    for table in tables:
-        console.print(table.rich())
-    console.print(f"figures in {command.json}, tables, rows and plot in {command.folder}", soft_wrap=True)
-    return result
-
-
-def _boxes(command: EvaluateCommand, console: Console, line: str) -> dict[str, Any]:
+def _boxes(command: EvaluateCommand, console: Console) -> Report:
     """Table III: boxes of single scans."""
     if command.root is None:
         raise EvaluationError(f"data set '{KITTI}': --root must name its folder")
@@ -149,21 +115,21 @@ def _boxes(command: EvaluateCommand, console: Console, line: str) -> dict[str, A
     comparison = LidarComparison(
         command.root, _methods(command), command.folder, _scans(command), command.seed, command.priors
     )
-    with progress(console, transient=True) as tell:
-        try:
-            result = run_box_comparison(
-                comparison,
-                command.least_points,
-                command.jobs,
-                command.retry_failed,
-                command.json,
-                console,
-                line,
-                tell,
-            )
-        except KeyboardInterrupt as error:
-            raise _stopped(command.folder / BOX_ROWS) from error
-    return result
+    with _running(command.folder / BOX_ROWS, console) as tell:
+        rows = compare_boxes(comparison, command.jobs, command.retry_failed, program_version(), tell)
+    return box_report(comparison, rows, command.least_points)
+
+
+@contextmanager
+def _running(rows: Path, console: Console) -> Iterator[Progress]:
+    """Progress of what can be stopped and goes on."""
+    try:
+        with progress(console, transient=True) as tell:
+            yield tell
+    except KeyboardInterrupt as error:
+        raise EvaluationError(
+            f"stopped; what is done is in {rows}, and the same command goes on from there"
+        ) from error
 
 
 def _methods(command: EvaluateCommand) -> tuple[str, ...]:
@@ -245,30 +211,3 @@ def _check_writable(path: Path) -> None:
         folder = folder.parent
     if path.is_dir() or not folder.is_dir() or not os.access(folder, os.W_OK):
         raise EvaluationError(f"{path} cannot be written: give a file in a folder that can be")
-
-
-def _compare(comparison: Comparison, command: EvaluateCommand, console: Console) -> list[ObjectRow]:
-    with progress(console, transient=True) as tell:
-        try:
-            return compare(comparison, command.jobs, command.retry_failed, program_version(), tell)
-        except KeyboardInterrupt as error:
-            raise _stopped(command.folder / ROWS) from error
-
-
-def _stopped(rows: Path) -> EvaluationError:
-    return EvaluationError(f"stopped; what is done is in {rows}, and the same command goes on from there")
-
-
-def _data(comparison: Comparison) -> str:
-    dataset = comparison.source.dataset
-    return f"{dataset}, seed {comparison.config.seed}" if dataset == SYNTHETIC else dataset
-
-
-def _plots(comparison: Comparison, rows: list[ObjectRow], entries: list[dict[str, Any]], out: Path) -> None:
-    """Error against views; error against uncertainty at the most views."""
-    most = max(comparison.views)
-    data = _data(comparison)
-    error_plot(entries, comparison.methods, data, out / "error_against_views.png")
-    chosen = [row for row in rows if row.views == most]
-    words = f"{data}, {most} views" if most > 1 else f"{data}, 1 view"
-    uncertainty_plot(chosen, comparison.methods, words, out / "error_against_uncertainty.png")

@@ -1,6 +1,8 @@
 """Percentile bootstrap over distinct shapes: objects of one CAD model are drawn together."""
 
-from collections.abc import Sequence
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -65,3 +67,16 @@ def weighted_medians(
     total = upto[:, -1:]
     middle = [np.argmax(upto > k, axis=1) for k in ((total - 1) // 2, total // 2)]
     return (values[order][middle[0]] + values[order][middle[1]]) / 2
+
+
+def with_intervals(figures: Mapping[str, tuple[float | None, Interval]]) -> dict[str, Any]:
+    """Each figure and, under its name and `_interval`, its interval; what is not finite is None."""
+    found: dict[str, Any] = {}
+    for name, (value, interval) in figures.items():
+        found[name] = _finite(value)
+        found[f"{name}_interval"] = None if interval is None else [_finite(end) for end in interval]
+    return found
+
+
+def _finite(value: float | None) -> float | None:
+    return value if value is not None and math.isfinite(value) else None

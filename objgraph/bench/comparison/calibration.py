@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import product
 from typing import Any, NamedTuple
 
@@ -9,7 +10,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.stats import chi2, norm
 
-from objgraph.bench.comparison.bootstrap import Interval, Resamples
+from objgraph.bench.comparison.bootstrap import Interval, Resamples, with_intervals
 from objgraph.bench.comparison.rows import ObjectRow
 
 LEVELS = (0.50, 0.90, 0.95)
@@ -28,6 +29,11 @@ MEASURED = (
     "points of the true surface under a Gaussian with the propagated variance and the decoder's own; *_interval: bootstrap over shapes"
 )
 """What the numbers mean, for whoever reads the JSON alone."""
+FUSED = "fused"
+"""Method of the rows that are made of two others'."""
+_OF = ("graph", "ours")
+_ONE_MODE_DEG = 45.0
+"""Estimates whose rotations differ by more are of different modes: the first one stands alone."""
 
 
 class _Box(NamedTuple):
@@ -74,7 +80,7 @@ def _entry(name: str, views: int, category: str, rows: Sequence[ObjectRow], seed
     figures["sharpness"] = draws.median(np.array([box.sharpness for box in boxes]), right)
     for figure, values in _surfaces(rows).items():
         figures[figure] = draws.mean(values, ~np.isnan(values))
-    entry: dict[str, Any] = {
+    return {
         "method": name,
         "views": views,
         "category": category,
@@ -85,11 +91,8 @@ def _entry(name: str, views: int, category: str, rows: Sequence[ObjectRow], seed
         "nees_chi2": [float(chi2.ppf(p, DOF * n_right) / (DOF * n_right)) for p in (0.025, 0.975)]
         if n_right
         else None,
+        **with_intervals(figures),
     }
-    for figure, (value, interval) in figures.items():
-        entry[figure] = value if value is not None and math.isfinite(value) else None
-        entry[f"{figure}_interval"] = None if interval is None else list(interval)
-    return entry
 
 
 def _box(row: ObjectRow) -> _Box:
@@ -135,3 +138,29 @@ def _surface(row: ObjectRow) -> dict[str, float | None]:
         "surface_nll": float(np.mean(nll)),
         **held,
     }
+
+
+def with_fused(rows: Sequence[ObjectRow], methods: Sequence[str]) -> tuple[list[ObjectRow], list[str]]:
+    """Rows and methods, and `fused` where both of its parts are there: covariance intersection in equal shares.
+
+    Both covariances are from the same data, so information is shared out, not added (see `objgraph.covariance.fused`).
+    Errors to the truth are in the tangents of two estimates of one mode, which to first order are one.
+    """
+    if not set(_OF) <= set(methods):
+        return [*rows], [*methods]
+    first, second = ({(r.case, r.views): r for r in rows if r.method == name} for name in _OF)
+    made = [_fused(row, second[key]) for key, row in first.items() if key in second]
+    return [*rows, *made], [*methods, FUSED]
+
+
+def _fused(a: ObjectRow, b: ObjectRow) -> ObjectRow:
+    alone = replace(a, method=FUSED, surface_error=None, surface_sigma=None, pearson=None, spearman=None)
+    if a.box_error is None or b.box_error is None or a.box_covariance is None or b.box_covariance is None:
+        return alone
+    R_a, R_b = (np.array(row.T_world_object, dtype=float)[:3, :3] for row in (a, b))
+    if np.degrees(np.arccos(np.clip((np.trace(R_a.T @ R_b) - 1) / 2, -1, 1))) > _ONE_MODE_DEG:
+        return alone
+    of_a, of_b = np.linalg.inv(np.array(a.box_covariance)) / 2, np.linalg.inv(np.array(b.box_covariance)) / 2
+    matrix = np.linalg.inv(of_a + of_b)
+    error = matrix @ (of_a @ np.array(a.box_error) + of_b @ np.array(b.box_error))
+    return replace(alone, box_error=error.tolist(), box_covariance=(0.5 * (matrix + matrix.T)).tolist())

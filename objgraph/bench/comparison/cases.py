@@ -1,10 +1,15 @@
-"""What a comparison asks of an object to be reconstructed, and of where such objects come from."""
+"""What a comparison asks of an object to be reconstructed, and of where such objects come from; the synthetic ones."""
 
 from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
 from typing import Any, Protocol
 
+from objgraph.bench.worlds.cases import BenchmarkConfig, synthetic_cases
 from objgraph.datasets.ground_truth import AnnotatedScan
 from objgraph.observation.frames import Instance
+
+SYNTHETIC = "synthetic"
+"""The data set's name."""
 
 
 class Case(Protocol):
@@ -48,3 +53,28 @@ class CaseSource(Protocol):
     def cases(self, progress: Callable[[int, int], None] | None = None) -> Sequence[Case]:
         """The objects, in an order that does not change; `progress` gets how many scans are read, of how many."""
         ...
+
+
+@dataclass(frozen=True)
+class SyntheticSource:
+    """Cases that are made when they are asked for."""
+
+    config: BenchmarkConfig
+
+    @property
+    def dataset(self) -> str:
+        return SYNTHETIC
+
+    def settings(self) -> dict[str, Any]:
+        """All of the configuration but which of its cases are taken, so that a benchmark may grow."""
+        meshes = self.config.meshes
+        return {
+            "seed": self.config.seed,
+            "spacing": self.config.spacing,
+            "meshes": None if meshes is None else str(meshes.resolve()),
+            "sensor": asdict(self.config.sensor),
+        }
+
+    def cases(self, progress: Callable[[int, int], None] | None = None) -> Sequence[Case]:
+        """See `synthetic_cases`; nothing is read, so that there is no progress to tell."""
+        return synthetic_cases(self.config)

@@ -1,7 +1,7 @@
-"""A comparison from objects to rows: what is done already is kept, the rest is run."""
+"""Every method on objects with a true shape: which rows are wanted, and the jobs that make those that are missing."""
 
 import logging
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import product
 from pathlib import Path
@@ -10,21 +10,17 @@ from typing import Any
 import numpy as np
 
 from objgraph.bench.comparison.cases import Case, CaseSource
-from objgraph.bench.comparison.config import ComparisonConfig, digest, row_settings
+from objgraph.bench.comparison.config import ComparisonConfig, row_settings
 from objgraph.bench.comparison.measure import Job
 from objgraph.bench.comparison.methods import method
-from objgraph.bench.comparison.rows import Key, ObjectRow, RowFile, csv_text, write_text
-from objgraph.bench.comparison.runner import run
-from objgraph.bench.comparison.settings import refuse_other_settings
+from objgraph.bench.comparison.rows import Key, ObjectRow, csv_text
+from objgraph.bench.comparison.store import Tell, complete, digest, write_text
 from objgraph.errors import EvaluationError
 
 log = logging.getLogger(__name__)
 
 ROWS = "objects.jsonl"
 CSV = "objects.csv"
-
-Tell = Callable[[str, int, int], None]
-"""(what is being done, done, of how many)."""
 
 
 @dataclass(frozen=True)
@@ -48,8 +44,8 @@ def compare(
 ) -> list[ObjectRow]:
     """A row for every method, object and number of views, in that order of nesting; also written to `out`.
 
-    Each row is appended to `objects.jsonl` as soon as it is done, and one that is there already is not made again
-    (with `retry_failed`, a failed one is); at the end `objects.csv` holds the rows of this comparison.
+    Rows are appended to `objects.jsonl` as they are done, and one that is there already is not made again (with
+    `retry_failed`, a failed one is); at the end `objects.csv` holds the rows of this comparison.
 
     Raises:
         EvaluationError: an unknown method; a folder that cannot be written, is in use, or holds rows of the same
@@ -61,20 +57,18 @@ def compare(
         method(name)
     cases = comparison.source.cases(lambda done, total: tell("reading scans", done, total))
     _check_cases(cases)
-    settings = _settings(comparison, cases)
-    with RowFile(comparison.out / ROWS, ObjectRow) as file:
-        refuse_other_settings(file, settings, lambda row: (row.method, row.category))
-        jobs = _jobs(comparison, cases, settings, file.done(retry_failed), version)
-        total = len(cases) * len(comparison.views) * len(comparison.methods)
-        done = total - sum(job.count for job in jobs)
-        tell("estimating", done, total)
-        for row in run(jobs, processes):
-            file.append(row)
-            if row.failure is not None:
-                log.warning("%s of %s with %d views failed: %s", row.method, row.case, row.views, row.failure)
-            done += 1
-            tell(f"{row.method}: {row.case}, {row.views} views", done, total)
-        rows = list(_ordered(comparison, cases, file.rows))
+    settings = {
+        (name, category): row_settings(comparison.source, comparison.config, name, category)
+        for name, category in product(comparison.methods, dict.fromkeys(case.category for case in cases))
+    }
+    wanted = [
+        (name, case.id, views) for name, case, views in product(comparison.methods, cases, comparison.views)
+    ]
+
+    def jobs(missing: Sequence[Key]) -> list[Job]:
+        return _jobs(comparison, cases, settings, missing, version)
+
+    rows = complete(comparison.out / ROWS, ObjectRow, wanted, settings, jobs, processes, retry_failed, tell)
     write_text(csv_text(rows), comparison.out / CSV)
     if apart := starts_apart(rows):
         log.warning(
@@ -104,40 +98,24 @@ def _check_cases(cases: Sequence[Case]) -> None:
         raise EvaluationError(f"two objects are called {twice}; name every scan once")
 
 
-def _settings(comparison: Comparison, cases: Sequence[Case]) -> dict[tuple[str, str], dict[str, Any]]:
-    categories = dict.fromkeys(case.category for case in cases)
-    return {
-        (name, category): row_settings(comparison.source, comparison.config, name, category)
-        for name, category in product(comparison.methods, categories)
-    }
-
-
 def _jobs(
     comparison: Comparison,
     cases: Sequence[Case],
     settings: Mapping[tuple[str, str], Mapping[str, Any]],
-    done: set[Key],
+    missing: Sequence[Key],
     version: str,
 ) -> list[Job]:
     """What is left of each case."""
-    digests = {key: digest(each) for key, each in settings.items()}
+    digests = {group: digest(each) for group, each in settings.items()}
+    left: dict[str, dict[int, list[str]]] = {}
+    for name, case, views in missing:
+        left.setdefault(case, {}).setdefault(views, []).append(name)
     jobs = []
     for case in cases:
         todo = {
-            views: {
-                name: digests[name, case.category]
-                for name in comparison.methods
-                if (name, case.id, views) not in done
-            }
-            for views in comparison.views
+            views: {name: digests[name, case.category] for name in names}
+            for views, names in left.get(case.id, {}).items()
         }
-        todo = {views: names for views, names in todo.items() if names}
-        jobs.append(Job(case, comparison.source.dataset, todo, comparison.config, version))
-    return [job for job in jobs if job.count]
-
-
-def _ordered(comparison: Comparison, cases: Sequence[Case], rows: Sequence[ObjectRow]) -> Iterator[ObjectRow]:
-    """The rows of this comparison alone; of several of one key the last holds."""
-    latest = {row.key: row for row in rows}
-    for name, case, views in product(comparison.methods, cases, comparison.views):
-        yield latest[name, case.id, views]
+        if todo:
+            jobs.append(Job(case, comparison.source.dataset, todo, comparison.config, version))
+    return jobs

@@ -1,7 +1,5 @@
-"""Settings of a comparison, and the digests that keep rows of different settings apart."""
+"""Settings of a comparison, and all that its rows depend on."""
 
-import hashlib
-import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields, is_dataclass
 from functools import lru_cache
@@ -67,28 +65,6 @@ def row_settings(source: CaseSource, config: ComparisonConfig, name: str, catego
         "prior": prior_hash(category, config),
         "misfit": {"box": settings_of(prior.box_misfit), "surface": prior.surface_misfit},
     }
-
-
-def digest(settings: Mapping[str, Any]) -> str:
-    """A short name of settings: equal ones have equal ones."""
-    return hashlib.sha256(json.dumps(settings, sort_keys=True).encode()).hexdigest()[:16]
-
-
-def differences(before: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]:
-    """Which settings differ, in words."""
-    a, b = _flat(before), _flat(now)
-    return [
-        f"{name}: {a.get(name, 'none')} before, {b.get(name, 'none')} now"
-        for name in sorted(a.keys() | b.keys())
-        if a.get(name) != b.get(name)
-    ]
-
-
-def _flat(value: Any, name: str = "") -> dict[str, Any]:
-    if not isinstance(value, Mapping):
-        return {name: value}
-    parts = [_flat(item, f"{name}.{key}" if name else str(key)) for key, item in value.items()]
-    return {key: item for part in parts for key, item in part.items()}
 
 
 def settings_of(value: Any) -> Any:

@@ -1,11 +1,15 @@
 """A table of text before it is drawn: on the terminal or in Markdown."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 from rich.markup import escape
 from rich.table import Table
 from rich.text import Text
+
+NONE = "-"
+_INFINITE = "∞"
 
 
 @dataclass(frozen=True)
@@ -55,6 +59,17 @@ class Grid:
         return f"### {self.title}\n\n" + "\n".join(rows) + "\n" + caption
 
 
+def ranged(
+    entry: Mapping[str, Any], name: str, factor: float, digits: int, end_digits: int | None = None
+) -> str:
+    """A figure and its interval, in which what is not there is infinite."""
+    ends = entry[f"{name}_interval"]
+    if ends is None:
+        return _scaled(entry[name], factor, digits, NONE)
+    low, high = (_scaled(end, factor, end_digits or digits, _INFINITE) for end in ends)
+    return f"{_scaled(entry[name], factor, digits, _INFINITE)} [{low}, {high}]"
+
+
 def ranked(rows: Sequence[Sequence[Cell]]) -> list[list[Cell]]:
     """The rows with the highest value of each column marked as best and the next one as second, equal ones alike."""
     columns = [_ranked(column) for column in zip(*rows, strict=True)]
@@ -77,6 +92,10 @@ def _ranked(cells: Sequence[Cell]) -> list[Cell]:
         else cell
         for cell in cells
     ]
+
+
+def _scaled(value: float | None, factor: float, digits: int, otherwise: str) -> str:
+    return otherwise if value is None else f"{factor * value:.{digits}f}"
 
 
 def _rich(cell: Cell) -> Text:

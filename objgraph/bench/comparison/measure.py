@@ -13,7 +13,8 @@ from factors.state import ObjectState
 from objgraph.bench.comparison.cases import Case
 from objgraph.bench.comparison.config import ComparisonConfig, find_prior
 from objgraph.bench.comparison.methods import method
-from objgraph.bench.comparison.rows import ObjectRow, plain
+from objgraph.bench.comparison.rows import ObjectRow
+from objgraph.bench.comparison.store import plain
 from objgraph.bench.comparison.uncertainty import surface_errors
 from objgraph.bench.metrics.box_error import box_error
 from objgraph.bench.metrics.metrics import Evaluation, evaluate_object
@@ -53,11 +54,6 @@ class Job:
     @property
     def name(self) -> str:
         return self.case.id
-
-    @property
-    def count(self) -> int:
-        """Rows that come of it."""
-        return sum(map(len, self.todo.values()))
 
     def rows(self) -> Iterator[ObjectRow]:
         """See `measure`."""

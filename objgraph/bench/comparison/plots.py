@@ -1,8 +1,7 @@
 """Pictures of a comparison: error against the number of views, and error against the uncertainty given with it."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -12,11 +11,10 @@ from matplotlib.ticker import LogLocator, NullLocator
 from scipy.stats import chi2
 
 from objgraph.bench.comparison.calibration import DOF, squared_errors
+from objgraph.bench.comparison.report import Entry
 from objgraph.bench.comparison.rows import ObjectRow
 from objgraph.maps.colors import COLORS
 from objgraph.show.figure import finish
-
-Entry = Mapping[str, Any]
 
 _MARKERS = "os^Dv<>P"
 _ERRORS = (

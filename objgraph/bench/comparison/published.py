@@ -9,6 +9,12 @@ LABELS = {
 }
 """What the paper calls the methods that it compares, in its order."""
 
+
+def label(name: str) -> str:
+    """A method by its name, and the paper's for it."""
+    return f"{name} ({LABELS[name]})" if name in LABELS else name
+
+
 WHERE = "published, on ScanNet"
 """How its figures are marked."""
 

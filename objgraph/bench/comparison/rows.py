@@ -1,39 +1,10 @@
-"""One row an object, method and number of views, and the file that they are appended to as they come."""
+"""One row an object, method and number of views."""
 
 import csv
-import fcntl
 import io
-import json
-import os
 from collections.abc import Iterable
-from dataclasses import asdict, dataclass, fields
-from pathlib import Path
-from typing import Any, ClassVar, Generic, Protocol, Self, TypeVar
+from dataclasses import dataclass, fields
 
-from objgraph.errors import EvaluationError
-
-
-class Row(Protocol):
-    """What every comparison's rows have; they are dataclasses of JSON values."""
-
-    __dataclass_fields__: ClassVar[dict[str, Any]]
-
-    @property
-    def method(self) -> str: ...
-    @property
-    def settings(self) -> str:
-        """Digest of all settings and weights that the row depends on."""
-        ...
-
-    @property
-    def failure(self) -> str | None: ...
-    @property
-    def key(self) -> tuple:
-        """What the row is of; of several the last holds."""
-        ...
-
-
-R = TypeVar("R", bound=Row)
 Numbers = list[float] | None
 Matrix = list[list[float]] | None
 Key = tuple[str, str, int]
@@ -116,76 +87,20 @@ class ObjectRow:
     def key(self) -> Key:
         return (self.method, self.case, self.views)
 
+    @property
+    def group(self) -> tuple[str, str]:
+        """Rows of equal ones have the same settings."""
+        return (self.method, self.category)
+
+    @property
+    def what(self) -> str:
+        """The object, in words."""
+        return f"{self.case}, {self.views} view{'s' * (self.views > 1)}"
+
 
 _LONG = frozenset(
     field.name for field in fields(ObjectRow) if field.type in (Numbers, Matrix) or field.name == "frames"
 )
-
-
-class RowFile(Generic[R]):
-    """Rows of one dataclass as lines of JSON, appended one by one; a line that a kill has torn is dropped.
-
-    It is locked while it is open.
-
-    Raises:
-        EvaluationError: the file cannot be written, another process has it, or a line within it is damaged.
-    """
-
-    def __init__(self, path: Path, kind: type[R]) -> None:
-        self.path, self.kind = path, kind
-        try:
-            path.parent.mkdir(parents=True, exist_ok=True)
-            self._file = path.open("a+b")
-        except OSError as error:
-            raise EvaluationError(f"{path} cannot be written: {error}") from error
-        try:
-            fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            self.rows = self._read()
-        except BlockingIOError as error:
-            self.close()
-            raise EvaluationError(
-                f"{path}: another run is writing here; wait for it or give another folder"
-            ) from error
-        except BaseException:
-            self.close()
-            raise
-
-    def append(self, row: R) -> None:
-        """Write a row so that it outlives a kill of this process."""
-        self._file.write(json.dumps(asdict(row), allow_nan=False).encode() + b"\n")
-        self._file.flush()
-        self.rows.append(row)
-
-    def done(self, retry_failed: bool = False) -> set[tuple]:
-        """Keys of rows that need not be made again; of several of one key the last holds."""
-        latest = {row.key: row for row in self.rows}
-        return {key for key, row in latest.items() if row.failure is None or not retry_failed}
-
-    def close(self) -> None:
-        self._file.close()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
-
-    def _read(self) -> list[R]:
-        self._file.seek(0)
-        data = self._file.read()
-        whole = data.rfind(b"\n") + 1
-        if whole < len(data):
-            self._file.truncate(whole)
-        return [self._row(line, i) for i, line in enumerate(data[:whole].splitlines(), 1) if line.strip()]
-
-    def _row(self, line: bytes, number: int) -> R:
-        try:
-            return self.kind(**json.loads(line))
-        except (ValueError, TypeError) as error:
-            raise EvaluationError(
-                f"{self.path}, line {number}: damaged, or of another version ({error}); "
-                "delete the line or give another folder"
-            ) from error
 
 
 def csv_text(rows: Iterable[ObjectRow]) -> str:
@@ -197,24 +112,3 @@ def csv_text(rows: Iterable[ObjectRow]) -> str:
     for row in rows:
         writer.writerow([*(getattr(row, name) for name in names), " ".join(map(str, row.frames))])
     return buffer.getvalue()
-
-
-def write_text(text: str, path: Path) -> None:
-    """Write atomically; raises EvaluationError where the file cannot be written."""
-    temporary = path.with_name(f".{path.name}.tmp")
-    try:
-        temporary.write_text(text)
-        os.replace(temporary, path)
-    except OSError as error:
-        raise EvaluationError(f"{path} cannot be written: {error}") from error
-    finally:
-        temporary.unlink(missing_ok=True)
-
-
-def plain(value: Any) -> Any:
-    """Arrays as lists, with None for a number that is not finite."""
-    if value is None or isinstance(value, bool | int | str):
-        return value
-    if isinstance(value, float):
-        return value if abs(value) < float("inf") else None
-    return [plain(item) for item in value.tolist()] if hasattr(value, "tolist") else [plain(v) for v in value]

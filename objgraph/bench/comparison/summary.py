@@ -1,7 +1,7 @@
 """What the rows of objects say of methods: rates, medians and correlations, and differences on the same objects."""
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from itertools import combinations, product
 from operator import attrgetter
 from typing import Any
@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from objgraph.bench.comparison.bootstrap import Interval, Resamples
+from objgraph.bench.comparison.bootstrap import Resamples, with_intervals
 from objgraph.bench.comparison.rows import ObjectRow
 from objgraph.bench.comparison.uncertainty import SurfaceErrors, gaussian_pearson
 
@@ -92,7 +92,7 @@ def _entry(name: str, group: Group, rows: Sequence[ObjectRow], seed: int) -> dic
         "n_shapes": draws.shapes,
         "n_failed": sum(row.failure is not None for row in rows),
         "n_well": int(known.sum()),
-        **dict(_with_intervals(figures)),
+        **with_intervals(figures),
     }
 
 
@@ -123,7 +123,7 @@ def _difference(
         "n": len(pairs),
         "n_shapes": draws.shapes,
         "n_both_well": int(both.sum()),
-        **dict(_with_intervals(figures)),
+        **with_intervals(figures),
     }
 
 
@@ -139,15 +139,3 @@ def _correlated(row: ObjectRow) -> bool:
 def _values(rows: Sequence[ObjectRow], value: Callable[[ObjectRow], float | None]) -> Float[np.ndarray, "n"]:
     """One number a row; what is not there is infinitely bad."""
     return np.array([math.inf if (x := value(row)) is None else float(x) for row in rows])
-
-
-def _with_intervals(
-    figures: dict[str, tuple[float | None, Interval]],
-) -> Iterator[tuple[str, float | list[float | None] | None]]:
-    for name, (value, interval) in figures.items():
-        yield name, _finite(value)
-        yield f"{name}_interval", None if interval is None else [_finite(end) for end in interval]
-
-
-def _finite(value: float | None) -> float | None:
-    return value if value is not None and math.isfinite(value) else None

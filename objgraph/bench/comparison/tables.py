@@ -4,16 +4,13 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from objgraph.bench.comparison import published
-from objgraph.bench.comparison.grid import Cell, Grid, ranked, ranked_across
+from objgraph.bench.comparison.grid import NONE, Cell, Grid, ranged, ranked, ranked_across
 from objgraph.bench.comparison.measure import WELL_RECONSTRUCTED
+from objgraph.bench.comparison.report import Entry
 from objgraph.bench.comparison.summary import WORST
-
-Entry = Mapping[str, Any]
 
 _RATES = ("pose_rate", "iou_rate", "chamfer_rate")
 _NAMES = ("9-DoF Pose", "IoU>0.25", "CD<0.2")
-_NONE = "-"
-_INFINITE = "∞"
 _MARKS = "best bold, second underlined, the published rows among themselves"
 
 
@@ -77,8 +74,8 @@ def attainable_table(entries: Sequence[Entry], data: str) -> Grid:
         (
             Cell(f"{e['category'].capitalize()}, {_views(e['views'])}"),
             Cell(e["method"]),
-            Cell(_ranged(e, "pearson_metres", 1, 2)),
-            Cell(_ranged(e, "pearson_metres_gaussian", 1, 2)),
+            Cell(ranged(e, "pearson_metres", 1, 2)),
+            Cell(ranged(e, "pearson_metres_gaussian", 1, 2)),
         )
         for e in entries
         if e["pearson_metres"] is not None
@@ -100,11 +97,11 @@ def medians_table(entries: Sequence[Entry], data: str) -> Grid:
             Cell(e["method"]),
             Cell(str(e["n"])),
             Cell(str(e["n_failed"])),
-            Cell(_ranged(e, "median_translation_m", 100, 1)),
-            Cell(_ranged(e, "median_rotation_deg", 1, 1)),
-            Cell(_ranged(e, "median_chamfer_m", 100, 2)),
-            Cell(_ranged(e, "seconds", 1, 1)),
-            Cell(_ranged(e, "seconds_cpu", 1, 1)),
+            Cell(ranged(e, "median_translation_m", 100, 1)),
+            Cell(ranged(e, "median_rotation_deg", 1, 1)),
+            Cell(ranged(e, "median_chamfer_m", 100, 2)),
+            Cell(ranged(e, "seconds", 1, 1)),
+            Cell(ranged(e, "seconds_cpu", 1, 1)),
         )
         sections.setdefault((e["category"], e["views"]), []).append(row)
     errors = ("translation\n(cm)", "rotation\n(deg)", "Chamfer\n(cm)", "time\n(s)", "processor\n(s)")
@@ -125,10 +122,10 @@ def paired_table(pairs: Sequence[Entry], data: str) -> Grid:
             Cell(f"{p['category'].capitalize()}, {_views(p['views'])}"),
             Cell(f"{p['a']} - {p['b']}"),
             Cell(str(p["n"])),
-            Cell(_ranged(p, "median_translation_m", 100, 2)),
-            Cell(_ranged(p, "median_rotation_deg", 1, 2)),
-            Cell(_ranged(p, "median_chamfer_m", 100, 2)),
-            Cell(f"{_ranged(p, 'mean_pearson', 1, 3)} ({p['n_both_well']})"),
+            Cell(ranged(p, "median_translation_m", 100, 2)),
+            Cell(ranged(p, "median_rotation_deg", 1, 2)),
+            Cell(ranged(p, "median_chamfer_m", 100, 2)),
+            Cell(f"{ranged(p, 'mean_pearson', 1, 3)} ({p['n_both_well']})"),
         )
         sections.setdefault((p["category"], p["views"]), []).append(row)
     caption = (
@@ -146,7 +143,7 @@ def paired_table(pairs: Sequence[Entry], data: str) -> Grid:
 def _rates(
     name: str, views: int, categories: Sequence[str], found: Mapping[tuple[str, str, int], Entry]
 ) -> list[Cell]:
-    cells = [Cell(str(views)), Cell(_label(name))]
+    cells = [Cell(str(views)), Cell(published.label(name))]
     for category in categories:
         entry = found.get((name, category, views))
         cells += [_number(None if entry is None else entry[rate]) for rate in _RATES]
@@ -163,29 +160,12 @@ def _published_rates(name: str, views: int, categories: Sequence[str]) -> list[C
 
 def _pearson(entry: Entry | None) -> Cell:
     if entry is None or entry["pearson"] is None:
-        return Cell(f"{_NONE} (0)" if entry is not None else _NONE)
+        return Cell(f"{NONE} (0)" if entry is not None else NONE)
     return Cell(f"{entry['pearson']:.3f} ({entry['n_well']})", entry["pearson"])
 
 
 def _number(value: float | None, faint: bool = False) -> Cell:
-    return Cell(_NONE if value is None else f"{value:.3f}", value, faint=faint)
-
-
-def _ranged(entry: Entry, name: str, factor: float, digits: int) -> str:
-    """A figure and its interval, in which what is not there is infinite."""
-    ends = entry[f"{name}_interval"]
-    if ends is None:
-        return _scaled(entry[name], factor, digits, _NONE)
-    figure, low, high = (_scaled(value, factor, digits, _INFINITE) for value in (entry[name], *ends))
-    return f"{figure} [{low}, {high}]"
-
-
-def _scaled(value: float | None, factor: float, digits: int, otherwise: str) -> str:
-    return otherwise if value is None else f"{factor * value:.{digits}f}"
-
-
-def _label(name: str) -> str:
-    return f"{name} ({published.LABELS[name]})" if name in published.LABELS else name
+    return Cell(NONE if value is None else f"{value:.3f}", value, faint=faint)
 
 
 def _column(name: str) -> str:
@@ -224,11 +204,11 @@ def calibration_tables(entries: Sequence[Entry], data: str) -> list[Grid]:
     boxes, surfaces = [], []
     for e in entries:
         head = (Cell(f"{e['category'].capitalize()}, {_views(e['views'])}"), Cell(e["method"]))
-        held = _NONE if e["nees_chi2"] is None else "{:.2f} to {:.2f}".format(*e["nees_chi2"])
+        held = NONE if e["nees_chi2"] is None else "{:.2f} to {:.2f}".format(*e["nees_chi2"])
         boxes.append(
             (
                 *head, Cell(str(e["n"])), _figure(e, "wrong_modes"), *(_figure(e, name) for name in covered),
-                Cell(_ranged(e, "nees_per_dof", 1, 2)), Cell(held), _figure(e, "nll"), _figure(e, "sharpness", 4),
+                Cell(ranged(e, "nees_per_dof", 1, 2)), Cell(held), _figure(e, "nll"), _figure(e, "sharpness", 4),
             )
         )  # fmt: skip
         names = (
@@ -258,4 +238,4 @@ def calibration_tables(entries: Sequence[Entry], data: str) -> list[Grid]:
 
 def _figure(entry: Entry, name: str, digits: int = 2) -> Cell:
     value = entry[name]
-    return Cell(_NONE if value is None else f"{value:.{digits}f}")
+    return Cell(NONE if value is None else f"{value:.{digits}f}")

@@ -6,10 +6,9 @@ import shutil
 import numpy as np
 import pytest
 
-from objgraph.bench.comparison import published
-from objgraph.bench.comparison.boxes import compare
-from objgraph.bench.comparison.boxes.compare import LidarComparison, compare_boxes, estimator_of
-from objgraph.bench.comparison.boxes.rows import DETECTIONS, BoxRow, counted, paired, summarize
+from objgraph.bench.comparison import box_compare, published
+from objgraph.bench.comparison.box_compare import LidarComparison, compare_boxes, estimator_of
+from objgraph.bench.comparison.box_rows import DETECTIONS, BoxRow, counted, paired, summarize
 from objgraph.cli.main import main
 from objgraph.datasets.kitti import load_frame, load_labels
 from objgraph.errors import EvaluationError, SolveError
@@ -84,15 +83,15 @@ class Slow:
 
 
 def test_a_run_goes_on_where_it_was_stopped(street, tmp_path, monkeypatch):
-    monkeypatch.setattr(compare, "estimator_of", lambda name: Slow())
-    monkeypatch.setattr(compare, "settings_of", lambda value: str(type(value).__name__))
+    monkeypatch.setattr(box_compare, "estimator_of", lambda name: Slow())
+    monkeypatch.setattr(box_compare, "settings_of", lambda value: str(type(value).__name__))
     comparison = LidarComparison(street, ("graph", "ours"), tmp_path)
     Slow.calls = 0
     with pytest.raises(KeyboardInterrupt):
         compare_boxes(comparison)
-    done = (tmp_path / compare.ROWS).read_bytes()
+    done = (tmp_path / box_compare.ROWS).read_bytes()
     rows = compare_boxes(comparison)
-    assert (tmp_path / compare.ROWS).read_bytes().startswith(done)
+    assert (tmp_path / box_compare.ROWS).read_bytes().startswith(done)
     assert Slow.calls == 5  # four that succeeded, and the one that was stopped
     assert len(rows) == len({row.key for row in rows}) == 12
     again = compare_boxes(comparison)
@@ -106,8 +105,8 @@ def test_a_run_goes_on_where_it_was_stopped(street, tmp_path, monkeypatch):
 
 
 def test_a_damaged_frame_fails_alone(street, tmp_path, monkeypatch):
-    monkeypatch.setattr(compare, "estimator_of", lambda name: Slow())
-    monkeypatch.setattr(compare, "settings_of", lambda value: str(type(value).__name__))
+    monkeypatch.setattr(box_compare, "estimator_of", lambda name: Slow())
+    monkeypatch.setattr(box_compare, "settings_of", lambda value: str(type(value).__name__))
     broken = tmp_path / "street"
     shutil.copytree(street, broken)
     first, second = sorted((broken / "training" / "velodyne").glob("*.bin"))
@@ -121,12 +120,12 @@ def test_a_damaged_frame_fails_alone(street, tmp_path, monkeypatch):
 
 
 def test_a_frame_whose_rows_a_kill_has_cut_is_run_again(street, tmp_path, monkeypatch):
-    monkeypatch.setattr(compare, "estimator_of", lambda name: Slow())
-    monkeypatch.setattr(compare, "settings_of", lambda value: str(type(value).__name__))
+    monkeypatch.setattr(box_compare, "estimator_of", lambda name: Slow())
+    monkeypatch.setattr(box_compare, "settings_of", lambda value: str(type(value).__name__))
     comparison = LidarComparison(street, ("graph",), tmp_path)
     Slow.calls = 10
     rows = compare_boxes(comparison)
-    path = tmp_path / compare.ROWS
+    path = tmp_path / box_compare.ROWS
     lines = path.read_bytes().splitlines(keepends=True)
     path.write_bytes(b"".join(lines[:-1]))
     again = compare_boxes(comparison)
@@ -186,8 +185,8 @@ def test_the_command_writes_table_three(street, tmp_path, capsys):
     ],
 )
 def test_what_is_wrong_is_one_line(street, tmp_path, capsys, monkeypatch, more, message):
-    monkeypatch.setattr(compare, "estimator_of", lambda name: Slow())
-    monkeypatch.setattr(compare, "settings_of", lambda value: str(type(value).__name__))
+    monkeypatch.setattr(box_compare, "estimator_of", lambda name: Slow())
+    monkeypatch.setattr(box_compare, "settings_of", lambda value: str(type(value).__name__))
     Slow.calls = 10
     arguments = [
         "evaluate",

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
-from objgraph.bench.comparison.calibration import ALL, calibration, squared_errors
-from objgraph.bench.comparison.fused_rows import FUSED, with_fused
+from objgraph.bench.comparison.calibration import ALL, FUSED, calibration, squared_errors, with_fused
 from objgraph.bench.comparison.plots import reliability_plot
 from objgraph.bench.comparison.rows import ObjectRow
 from objgraph.bench.comparison.tables import calibration_tables

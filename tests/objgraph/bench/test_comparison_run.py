@@ -13,7 +13,7 @@ from objgraph.bench.comparison.compare import CSV, ROWS, Comparison, compare, st
 from objgraph.bench.comparison.measure import Job, measure
 from objgraph.bench.comparison.methods import METHODS, Method
 from objgraph.bench.comparison.rows import ObjectRow
-from objgraph.bench.comparison.settings import SETTINGS
+from objgraph.bench.comparison.store import SETTINGS
 from objgraph.errors import EvaluationError
 from objgraph.priors.misfit import BoxMisfit
 from tests.objgraph.bench.comparison_fakes import (
@@ -175,10 +175,10 @@ def test_processes_give_what_one_process_gives_and_one_that_dies_is_told(tmp_pat
     one = compare(toy_comparison(tmp_path / "one", methods=("near", "fails", "far"), cases=3))
     comparison = toy_comparison(tmp_path / "two", methods=("near", "fails", "far"), cases=3)
     dying = FakeSource((*map(FakeCase, range(3)), FakeCase(7, fault="dies")))
-    with pytest.raises(EvaluationError, match=r"at .*chair-7.* died"):
+    with pytest.raises(EvaluationError, match=r"at (chair-\d or )?chair-7 died"):
         compare(replace(comparison, source=dying), processes=2)
     done = (comparison.out / ROWS).read_text().splitlines()
-    assert len(done) >= 6  # all of the cases that were done before it
+    assert len(done) >= 6  # all of the case that was before it
     two = compare(comparison)
     assert (comparison.out / ROWS).read_text().splitlines()[: len(done)] == done
     assert [same(a, b) for a, b in zip(one, two, strict=True)] == [[]] * 18

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from objgraph.bench.comparison.bootstrap import Resamples
+from objgraph.bench.comparison.bootstrap import Resamples, with_intervals
 
 DETECTIONS = "detections"
 """The name under which the detected boxes themselves stand among the methods."""
@@ -55,6 +55,16 @@ class BoxRow:
     def key(self) -> tuple[str, str, int]:
         return (self.method, self.frame, self.detection)
 
+    @property
+    def group(self) -> str:
+        """Rows of equal ones have the same settings."""
+        return self.method
+
+    @property
+    def what(self) -> str:
+        """The object, in words."""
+        return f"frame {self.frame}, {self.detection}"
+
 
 def counted(rows: Iterable[BoxRow], least_points: int) -> list[BoxRow]:
     """Rows of labelled objects with that many returns."""
@@ -91,9 +101,8 @@ def paired(rows: Sequence[BoxRow], methods: Sequence[str], seed: int = 0) -> lis
         if common:
             draws = Resamples([f"{key[0]}/{first[key].label}" for key in common], seed)
             difference = np.array([(first[key].iou or 0.0) - (second[key].iou or 0.0) for key in common])
-            mean, interval = draws.mean(difference)
-            ends = None if interval is None else list(interval)
-            found.append({"a": a, "b": b, "n": len(common), "mean_iou": mean, "mean_iou_interval": ends})
+            figures = with_intervals({"mean_iou": draws.mean(difference)})
+            found.append({"a": a, "b": b, "n": len(common), **figures})
     return found
 
 
@@ -115,7 +124,4 @@ def _figures(rows: Sequence[BoxRow], seed: int) -> dict[str, Any]:
     iou = np.array([row.iou or 0.0 for row in rows])
     figures = {"mean_iou": draws.mean(iou)}
     figures |= {name: draws.mean((iou > limit).astype(float)) for name, limit in IOUS.items()}
-    result: dict[str, Any] = {"n": len(rows)}
-    for name, (value, interval) in figures.items():
-        result[name], result[f"{name}_interval"] = value, None if interval is None else list(interval)
-    return result
+    return {"n": len(rows), **with_intervals(figures)}

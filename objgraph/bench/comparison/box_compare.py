@@ -2,20 +2,18 @@
 
 import logging
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from objgraph.bench.comparison.boxes.matching import LabelledBox, MatchConfig, heading_between_deg, matches
-from objgraph.bench.comparison.boxes.rows import DETECTIONS, BoxRow
-from objgraph.bench.comparison.config import digest, find_prior, settings_of
+from objgraph.bench.comparison.box_matching import LabelledBox, MatchConfig, heading_between_deg, matches
+from objgraph.bench.comparison.box_rows import DETECTIONS, BoxRow
+from objgraph.bench.comparison.config import find_prior, settings_of
 from objgraph.bench.comparison.methods import METHODS, method
-from objgraph.bench.comparison.rows import RowFile, plain
-from objgraph.bench.comparison.runner import run
-from objgraph.bench.comparison.settings import refuse_other_settings
+from objgraph.bench.comparison.store import Tell, complete, digest, plain
 from objgraph.bench.metrics.placed import PlacedMesh
 from objgraph.covariance.box import box_pose
 from objgraph.datasets.kitti import CATEGORIES, detection_ids, frames, load_frame, load_labels
@@ -31,9 +29,9 @@ from objgraph.priors.mesh import extract_mesh
 
 log = logging.getLogger(__name__)
 
+KITTI = "kitti"
+"""The data set's name."""
 ROWS = "boxes.jsonl"
-Tell = Callable[[str, int, int], None]
-"""(what is being done, done, of how many)."""
 
 _DENSE = LidarSamplingConfig(points=1000, free=1000)
 """As many as an iteration of the paper's estimator takes."""
@@ -98,37 +96,17 @@ def compare_boxes(
             that died.
         DatasetError: there are no frames, or one of those named does not exist.
     """
-    tell = tell or (lambda what, done, total: None)
     settings = {name: row_settings(comparison, name) for name in comparison.rows_of}
-    digests = {name: digest(each) for name, each in settings.items()}
-    names = _frames(comparison)
-    with RowFile(comparison.out / ROWS, BoxRow) as file:
-        refuse_other_settings(file, settings, lambda row: row.method)
-        there = file.done(retry_failed)
-        wanted = {name: detection_ids(comparison.root, name) for name in names}
-        done = {
-            (each, name)
-            for each in digests
-            for name, ids in wanted.items()
-            if all((each, name, i) in there for i in ids)
-        }
-        jobs = [
-            FrameJob(comparison, name, todo, version)
-            for name in names
-            if (todo := {each: key for each, key in digests.items() if (each, name) not in done})
-        ]
-        seen = {name for name in names if all((each, name) in done for each in digests)}
-        tell("estimating", len(seen), len(names))
-        for row in run(jobs, processes):
-            file.append(row)
-            if row.failure is not None:
-                log.warning(
-                    "%s of frame %s, %d failed: %s", row.method, row.frame, row.detection, row.failure
-                )
-            seen.add(row.frame)
-            tell(f"{row.method}: frame {row.frame}", len(seen), len(names))
-        latest = {row.key: row for row in file.rows}
-    return [row for row in latest.values() if row.frame in names and row.method in digests]
+    ids = {name: detection_ids(comparison.root, name) for name in _frames(comparison)}
+    wanted = [(each, name, i) for each in settings for name in ids for i in ids[name]]
+
+    def jobs(missing: Sequence[tuple[str, str, int]]) -> list[FrameJob]:
+        left: dict[str, dict[str, str]] = {}
+        for each, name, _ in missing:
+            left.setdefault(name, {})[each] = digest(settings[each])
+        return [FrameJob(comparison, name, left[name], version) for name in ids if name in left]
+
+    return complete(comparison.out / ROWS, BoxRow, wanted, settings, jobs, processes, retry_failed, tell)
 
 
 def row_settings(comparison: LidarComparison, name: str) -> dict[str, Any]:

@@ -1,22 +1,20 @@
 """What is written of a comparison on single scans: Table III of the paper, by points and by distance, and a plot."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
 
 from objgraph.bench.comparison import published
-from objgraph.bench.comparison.bootstrap import LEVEL, RESAMPLES
-from objgraph.bench.comparison.boxes.compare import LidarComparison, row_settings
-from objgraph.bench.comparison.boxes.rows import DETECTIONS, IOUS, BoxRow
-from objgraph.bench.comparison.grid import Cell, Grid, ranked
+from objgraph.bench.comparison.bootstrap import LEVEL
+from objgraph.bench.comparison.box_compare import LidarComparison, row_settings
+from objgraph.bench.comparison.box_rows import DETECTIONS, IOUS, BoxRow, counted, paired, summarize
+from objgraph.bench.comparison.grid import Cell, Grid, ranged, ranked
+from objgraph.bench.comparison.report import Entry, Report
+from objgraph.errors import EvaluationError
 from objgraph.maps.colors import COLORS
 from objgraph.show.figure import finish
-from objgraph.version import program_version
-
-Entry = Mapping[str, Any]
 
 _FIGURES = ("mean_iou", *IOUS)
 _NAMES = ("Mean IoU", "IoU>0.6", "IoU>0.75")
@@ -28,38 +26,41 @@ MEASURED = (
 )
 
 
-def document(
-    comparison: LidarComparison,
-    rows: Sequence[BoxRow],
-    entries: Sequence[Entry],
-    pairs: Sequence[Entry],
-    least: int,
-    command: str,
-) -> dict[str, Any]:
-    """Figures and all that made them."""
+def box_report(comparison: LidarComparison, rows: Sequence[BoxRow], least: int) -> Report:
+    """Of the objects with `least` returns or more; raises EvaluationError where none is left."""
+    chosen, methods = counted(rows, least), comparison.rows_of
+    if not chosen:
+        failed = next((f"; {row.failure}" for row in rows if row.failure is not None), "")
+        raise EvaluationError(
+            f"{comparison.root}: no detection is near enough to a label with {least} returns or more; choose other frames "
+            f"or --least-points{failed}"
+        )
+    entries, pairs = (of(chosen, methods, comparison.seed) for of in (summarize, paired))
     found = [row for row in rows if row.method == DETECTIONS]
-    return {
-        "command": command,
-        "version": program_version(),
-        "rows_made_by": sorted({row.version for row in rows}),
-        "seed": comparison.seed,
-        "least_points": least,
-        "detections": {
-            "all": len(found),
-            "of_a_label": sum(row.label is not None for row in found),
-            "with_the_points": sum(row.points is not None and row.points >= least for row in found),
+    return Report(
+        comparison.seed,
+        chosen,
+        entries,
+        pairs,
+        tables(entries, pairs, least),
+        {
+            "least_points": least,
+            "detections": {
+                "all": len(found),
+                "of_a_label": sum(row.label is not None for row in found),
+                "with_the_points": len(counted(found, least)),
+            },
+            "settings": {name: row_settings(comparison, name) for name in methods},
         },
-        "settings": {name: row_settings(comparison, name) for name in comparison.rows_of},
-        "bootstrap": {"over": "objects", "level": LEVEL, "resamples": RESAMPLES},
-        "measured": MEASURED,
-        "rows": list(entries),
-        "paired": list(pairs),
-    }
+        "objects",
+        MEASURED,
+        {"iou.png": lambda path: iou_plot(chosen, methods, least, path)},
+    )
 
 
 def tables(entries: Sequence[Entry], pairs: Sequence[Entry], least: int) -> list[Grid]:
     """Table III beside the published rows, differences on the same objects, then the first by returns and by distance."""
-    ours = [[Cell(_label(e["method"])), *_cells(e), _seconds(e)] for e in entries]
+    ours = [[Cell(published.label(e["method"])), *_cells(e), _seconds(e)] for e in entries]
     theirs = [
         [Cell(f"{published.LABELS[name]} ({published.KITTI_WHERE})", faint=True)]
         + [Cell(f"{x:.3f}", x, faint=True) for x in figures]
@@ -76,7 +77,7 @@ def tables(entries: Sequence[Entry], pairs: Sequence[Entry], least: int) -> list
     sections = tuple(tuple(map(tuple, ranked(rows))) for rows in (ours, theirs))
     whole = Grid("Table III: boxes of single scans", header, sections, caption)
     differences = tuple(
-        (Cell(f"{e['a']} - {e['b']}"), Cell(str(e["n"])), Cell(_ranged(e, "mean_iou"))) for e in pairs
+        (Cell(f"{e['a']} - {e['b']}"), Cell(str(e["n"])), Cell(ranged(e, "mean_iou", 1, 3, 2))) for e in pairs
     )
     return [
         whole,
@@ -114,7 +115,7 @@ def iou_plot(rows: Sequence[BoxRow], methods: Sequence[str], least: int, path: P
 def _parts(entries: Sequence[Entry], name: str, words: str) -> Grid:
     sections = [
         tuple(
-            (Cell(f"{_between(part)}, n = {part['n']}"), Cell(_label(e["method"])), *_cells(part))
+            (Cell(f"{_between(part)}, n = {part['n']}"), Cell(published.label(e["method"])), *_cells(part))
             for e in entries
             for part in e[name]
             if part["from"] == start
@@ -129,17 +130,8 @@ def _between(part: Entry) -> str:
     return f"from {low}" if part["to"] is None else f"{low} to {part['to']:.0f}"
 
 
-def _label(method: str) -> str:
-    return f"{method} ({published.LABELS[method]})" if method in published.LABELS else method
-
-
 def _cells(entry: Entry) -> list[Cell]:
-    return [Cell(_ranged(entry, name), entry[name]) for name in _FIGURES]
-
-
-def _ranged(entry: Entry, name: str) -> str:
-    interval = entry[f"{name}_interval"]
-    return f"{entry[name]:.3f}" + ("" if interval is None else f" [{interval[0]:.2f}, {interval[1]:.2f}]")
+    return [Cell(ranged(entry, name, 1, 3, 2), entry[name]) for name in _FIGURES]
 
 
 def _seconds(entry: Entry) -> Cell:
