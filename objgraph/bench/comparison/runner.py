@@ -2,7 +2,7 @@
 
 import logging
 import signal
-from collections.abc import Iterator, Sequence
+from collections.abc import Generator, Iterator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import suppress
@@ -30,7 +30,7 @@ class Job(Protocol[Made]):
         ...
 
 
-def run(jobs: Sequence[Job[Row]], processes: int = 1) -> Iterator[Row]:
+def run(jobs: Sequence[Job[Row]], processes: int = 1) -> Generator[Row, None, None]:
     """The rows of all jobs, as they are done; of several processes those of a job come together, at its end.
 
     Each process uses one thread. Stopped (by Ctrl-C, or by closing this) it does not wait for what is in progress.
