@@ -102,7 +102,9 @@ def test_a_run_goes_on_where_it_was_stopped(street, tmp_path, monkeypatch):
     for row in rows:
         assert (row.failure is not None) == (row.method != DETECTIONS and row.detection == 2)
         assert (row.iou is None) == (row.failure is not None)
-    with pytest.raises(EvaluationError, match=r"'detections' made with other settings.*seed: 0 before, 1 now"):
+    with pytest.raises(
+        EvaluationError, match=r"'detections' made with other settings.*seed: 0 before, 1 now"
+    ):
         compare_boxes(LidarComparison(street, ("graph",), tmp_path, seed=1))
 
 
