@@ -16,7 +16,7 @@ from objgraph.bench.comparison.box_report import box_report
 from objgraph.bench.comparison.cases import SYNTHETIC, CaseSource, SyntheticSource
 from objgraph.bench.comparison.compare import ROWS, Comparison, compare
 from objgraph.bench.comparison.config import ComparisonConfig
-from objgraph.bench.comparison.methods import METHODS
+from objgraph.bench.comparison.methods import METHODS, method
 from objgraph.bench.comparison.object_report import calibration_report, object_report
 from objgraph.bench.comparison.report import Report
 from objgraph.bench.comparison.scan_cases import ScanSource, read_split
@@ -134,10 +134,10 @@ def _running(rows: Path, console: Console) -> Iterator[Progress]:
 
 def _methods(command: EvaluateCommand) -> tuple[str, ...]:
     methods = _items(command.methods, "--methods")
-    unknown = [name for name in methods if name not in METHODS]
-    if unknown or not methods:
-        wrong = f"no method '{unknown[0]}'" if unknown else "--methods names none"
-        raise EvaluationError(f"{wrong}; available: {', '.join(METHODS)}")
+    if not methods:
+        raise EvaluationError(f"--methods names none; available: {', '.join(METHODS)}")
+    for name in methods:
+        method(name)
     if command.jobs < 1:
         raise EvaluationError("--jobs must be at least 1")
     return methods

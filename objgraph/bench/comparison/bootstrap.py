@@ -7,6 +7,8 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from objgraph.bench.comparison.store import R
+
 LEVEL = 0.95
 RESAMPLES = 2000
 
@@ -76,6 +78,12 @@ def with_intervals(figures: Mapping[str, tuple[float | None, Interval]]) -> dict
         found[name] = _finite(value)
         found[f"{name}_interval"] = None if interval is None else [_finite(end) for end in interval]
     return found
+
+
+def same_objects(rows: Sequence[R], a: str, b: str) -> list[tuple[R, R]]:
+    """The rows of two methods on each object that both have."""
+    first, second = ({row.key[1:]: row for row in rows if row.method == name} for name in (a, b))
+    return [(row, second[key]) for key, row in first.items() if key in second]
 
 
 def _finite(value: float | None) -> float | None:

@@ -1,9 +1,8 @@
 """Every method on the detected objects of single scans, from the same points and the same start."""
 
-import logging
-import time
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +11,7 @@ import numpy as np
 from objgraph.bench.comparison.box_matching import LabelledBox, MatchConfig, heading_between_deg, matches
 from objgraph.bench.comparison.box_rows import DETECTIONS, BoxRow
 from objgraph.bench.comparison.config import find_prior, settings_of
-from objgraph.bench.comparison.methods import METHODS, method
+from objgraph.bench.comparison.methods import METHODS, Clock, estimated, method
 from objgraph.bench.comparison.store import Tell, complete, digest, plain
 from objgraph.bench.metrics.placed import PlacedMesh
 from objgraph.covariance.box import box_pose
@@ -26,8 +25,6 @@ from objgraph.maps.lidar_task import ROADS, LidarTaskConfig, task_of
 from objgraph.observation.lidar.frame import LidarFrame
 from objgraph.observation.lidar.observe import LidarSamplingConfig
 from objgraph.priors.mesh import extract_mesh
-
-log = logging.getLogger(__name__)
 
 KITTI = "kitti"
 """The data set's name."""
@@ -63,17 +60,18 @@ class LidarComparison:
 
 @dataclass(frozen=True)
 class FrameJob:
-    """What is to be done of one frame."""
+    """One method on one frame."""
 
     comparison: LidarComparison
+    method: str
     frame: str
-    todo: Mapping[str, str]
-    """Methods, and the digest of the settings of each one's rows."""
+    settings: str
+    """Digest of the rows' settings."""
     version: str = ""
 
     @property
     def name(self) -> str:
-        return f"frame {self.frame}"
+        return f"{self.method} of frame {self.frame}"
 
     def rows(self) -> Iterator[BoxRow]:
         """See `measure`."""
@@ -101,10 +99,13 @@ def compare_boxes(
     wanted = [(each, name, i) for each in settings for name in ids for i in ids[name]]
 
     def jobs(missing: Sequence[tuple[str, str, int]]) -> list[FrameJob]:
-        left: dict[str, dict[str, str]] = {}
-        for each, name, _ in missing:
-            left.setdefault(name, {})[each] = digest(settings[each])
-        return [FrameJob(comparison, name, left[name], version) for name in ids if name in left]
+        left = {(each, name) for each, name, _ in missing}
+        digests = {each: digest(settings[each]) for each in settings}
+        return [
+            FrameJob(comparison, each, name, digests[each], version)
+            for name, each in product(ids, digests)
+            if (each, name) in left
+        ]
 
     return complete(comparison.out / ROWS, BoxRow, wanted, settings, jobs, processes, retry_failed, tell)
 
@@ -141,30 +142,28 @@ def estimator_of(name: str) -> Estimator:
 def measure(job: FrameJob) -> Iterator[BoxRow]:
     """The rows of a frame; whatever goes wrong with an object, or with reading the frame, is its rows' failure."""
     comparison = job.comparison
+    blank = BoxRow(job.method, job.frame, 0, job.settings, version=job.version)
     try:
         frame = load_frame(comparison.root, job.frame)
     except DatasetError as error:
-        for name, settings in job.todo.items():
-            for i in detection_ids(comparison.root, job.frame):
-                yield BoxRow(name, job.frame, i, settings, failure=str(error), version=job.version)
+        for i in detection_ids(comparison.root, job.frame):
+            yield replace(blank, detection=i, failure=str(error))
         return
-    labels = {
-        i: LabelledBox(i, CATEGORIES[box.type], box.T_rect_object, box.size)
+    labels = [
+        LabelledBox(i, CATEGORIES[box.type], box.T_rect_object, box.size)
         for i, box in enumerate(load_labels(comparison.root, job.frame), 1)
         if box.type in CATEGORIES
+    ]
+    matched = matches(frame.detections, labels, comparison.match)
+    rows = {
+        each.id: _with_label(replace(blank, detection=each.id, category=each.category), frame, matched)
+        for each in frame.detections
     }
-    matched = matches(frame.detections, list(labels.values()), comparison.match)
-    for name, settings in job.todo.items():
-        blank = BoxRow(name, job.frame, 0, settings, version=job.version)
-        rows = {
-            each.id: _with_label(replace(blank, detection=each.id, category=each.category), frame, matched)
-            for each in frame.detections
-        }
-        if name == DETECTIONS:
-            for each in frame.detections:
-                yield _with_box(rows[each.id], each.box, matched.get(each.id))
-        else:
-            yield from _estimated(frame, rows, matched, comparison, name)
+    if job.method == DETECTIONS:
+        for each in frame.detections:
+            yield _with_box(rows[each.id], each.box, matched.get(each.id))
+    else:
+        yield from _estimated(frame, rows, matched, comparison, job.method)
 
 
 def _estimated(
@@ -175,26 +174,17 @@ def _estimated(
     name: str,
 ) -> Iterator[BoxRow]:
     """One method on all detections of a frame together; only what is done after it sees the labels."""
-    config = _task_config(comparison, name)
+    config, clock = _task_config(comparison, name), Clock()
     tasks: dict[int, EstimationTask] = {}
     failures: dict[int, str] = {}
-    begun, begun_cpu = time.perf_counter(), time.process_time()
     for detection in frame.detections:
         try:
             prior = find_prior(detection.category, comparison.priors)
             tasks[detection.id] = task_of(frame, detection, prior, config, comparison.seed)
         except ObservationError as error:
             failures[detection.id] = str(error)
-    try:
-        results = estimator_of(name).estimate(list(tasks.values()))
-    except Exception as error:  # a method may not stop the others
-        log.debug("%s: %s", frame.name, name, exc_info=True)
-        results = [SolveError(f"{type(error).__name__}: {error}")] * len(tasks)
-    share = max(len(tasks), 1)
-    spent = {
-        "seconds": (time.perf_counter() - begun) / share,
-        "seconds_cpu": (time.process_time() - begun_cpu) / share,
-    }
+    results = estimated(estimator_of(name), list(tasks.values()))
+    spent = clock.spent(len(tasks))
     for (number, task), result in zip(tasks.items(), results, strict=True):
         row = replace(rows[number], **spent)
         yield _measured(row, task, result, matched.get(number), comparison.mesh_resolution)

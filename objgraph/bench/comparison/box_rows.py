@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from objgraph.bench.comparison.bootstrap import Resamples, with_intervals
+from objgraph.bench.comparison.bootstrap import Resamples, same_objects, with_intervals
 
 DETECTIONS = "detections"
 """The name under which the detected boxes themselves stand among the methods."""
@@ -96,11 +96,9 @@ def paired(rows: Sequence[BoxRow], methods: Sequence[str], seed: int = 0) -> lis
     """For two methods a and b, the mean of a's IoU less b's on the same objects: above zero where a is better."""
     found = []
     for a, b in combinations(methods, 2):
-        first, second = ({(r.frame, r.detection): r for r in rows if r.method == name} for name in (a, b))
-        common = [key for key in first if key in second]
-        if common:
-            draws = Resamples([f"{key[0]}/{first[key].label}" for key in common], seed)
-            difference = np.array([(first[key].iou or 0.0) - (second[key].iou or 0.0) for key in common])
+        if common := same_objects(rows, a, b):
+            draws = Resamples([f"{row.frame}/{row.label}" for row, _ in common], seed)
+            difference = np.array([(x.iou or 0.0) - (y.iou or 0.0) for x, y in common])
             figures = with_intervals({"mean_iou": draws.mean(difference)})
             found.append({"a": a, "b": b, "n": len(common), **figures})
     return found

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.stats import chi2, norm
 
-from objgraph.bench.comparison.bootstrap import Interval, Resamples, with_intervals
+from objgraph.bench.comparison.bootstrap import Interval, Resamples, same_objects, with_intervals
 from objgraph.bench.comparison.rows import ObjectRow
 
 LEVELS = (0.50, 0.90, 0.95)
@@ -110,15 +110,10 @@ def _box(row: ObjectRow) -> _Box:
 
 def _surfaces(rows: Sequence[ObjectRow]) -> dict[str, Float[np.ndarray, "n"]]:
     """Figures of each object's surface; NaN where there are none, or the object is not well reconstructed."""
+    found = [_surface(row) if row.well_reconstructed else {} for row in rows]
     names = ["pearson_surface", "spearman_surface", "surface_nees", "surface_nll"]
     names += [f"surface_coverage{100 * level:.0f}" for level in LEVELS]
-    found: dict[str, list[float]] = {name: [] for name in names}
-    for row in rows:
-        one = _surface(row) if row.well_reconstructed else {}
-        for name in names:
-            value = one.get(name)
-            found[name].append(math.nan if value is None else value)
-    return {name: np.array(values) for name, values in found.items()}
+    return {name: np.array([one.get(name) for one in found], dtype=float) for name in names}
 
 
 def _surface(row: ObjectRow) -> dict[str, float | None]:
@@ -148,8 +143,7 @@ def with_fused(rows: Sequence[ObjectRow], methods: Sequence[str]) -> tuple[list[
     """
     if not set(_OF) <= set(methods):
         return [*rows], [*methods]
-    first, second = ({(r.case, r.views): r for r in rows if r.method == name} for name in _OF)
-    made = [_fused(row, second[key]) for key, row in first.items() if key in second]
+    made = [_fused(a, b) for a, b in same_objects(rows, *_OF)]
     return [*rows, *made], [*methods, FUSED]
 
 

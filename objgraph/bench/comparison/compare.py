@@ -1,11 +1,10 @@
 """Every method on objects with a true shape: which rows are wanted, and the jobs that make those that are missing."""
 
 import logging
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from itertools import product
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -66,7 +65,18 @@ def compare(
     ]
 
     def jobs(missing: Sequence[Key]) -> list[Job]:
-        return _jobs(comparison, cases, settings, missing, version)
+        left: dict[tuple[str, int], list[str]] = {}
+        for name, case, views in missing:
+            left.setdefault((case, views), []).append(name)
+        digests = {group: digest(each) for group, each in settings.items()}
+        return [
+            Job(
+                case, comparison.source.dataset, views,
+                {name: digests[name, case.category] for name in left[case.id, views]}, comparison.config, version,
+            )
+            for case, views in product(cases, comparison.views)
+            if (case.id, views) in left
+        ]  # fmt: skip
 
     rows = complete(comparison.out / ROWS, ObjectRow, wanted, settings, jobs, processes, retry_failed, tell)
     write_text(csv_text(rows), comparison.out / CSV)
@@ -96,26 +106,3 @@ def _check_cases(cases: Sequence[Case]) -> None:
     if len(set(ids)) < len(ids):
         twice = next(name for name in ids if ids.count(name) > 1)
         raise EvaluationError(f"two objects are called {twice}; name every scan once")
-
-
-def _jobs(
-    comparison: Comparison,
-    cases: Sequence[Case],
-    settings: Mapping[tuple[str, str], Mapping[str, Any]],
-    missing: Sequence[Key],
-    version: str,
-) -> list[Job]:
-    """What is left of each case."""
-    digests = {group: digest(each) for group, each in settings.items()}
-    left: dict[str, dict[int, list[str]]] = {}
-    for name, case, views in missing:
-        left.setdefault(case, {}).setdefault(views, []).append(name)
-    jobs = []
-    for case in cases:
-        todo = {
-            views: {name: digests[name, case.category] for name in names}
-            for views, names in left.get(case.id, {}).items()
-        }
-        if todo:
-            jobs.append(Job(case, comparison.source.dataset, todo, comparison.config, version))
-    return jobs

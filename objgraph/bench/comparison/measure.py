@@ -12,7 +12,7 @@ import trimesh
 from factors.state import ObjectState
 from objgraph.bench.comparison.cases import Case
 from objgraph.bench.comparison.config import ComparisonConfig, find_prior
-from objgraph.bench.comparison.methods import method
+from objgraph.bench.comparison.methods import Clock, estimated, failure_of, method
 from objgraph.bench.comparison.rows import ObjectRow
 from objgraph.bench.comparison.store import plain
 from objgraph.bench.comparison.uncertainty import surface_errors
@@ -41,19 +41,20 @@ WELL_RECONSTRUCTED = (
 
 @dataclass(frozen=True)
 class Job:
-    """What is to be done of one case."""
+    """What is to be done of one case with one number of views."""
 
     case: Case
     dataset: str
-    todo: Mapping[int, Mapping[str, str]]
-    """By number of views: methods, and the digest of the settings of each one's row."""
+    views: int
+    todo: Mapping[str, str]
+    """Methods, and the digest of the settings of each one's row."""
     config: ComparisonConfig = field(default_factory=ComparisonConfig)
     version: str = ""
     """Of the program."""
 
     @property
     def name(self) -> str:
-        return self.case.id
+        return f"{self.case.id} with {self.views} view{'s' * (self.views > 1)}"
 
     def rows(self) -> Iterator[ObjectRow]:
         """See `measure`."""
@@ -74,24 +75,19 @@ class _Seen:
 
 def measure(job: Job, config: ComparisonConfig, version: str = "") -> Iterator[ObjectRow]:
     """The rows of a job, as they are done; whatever goes wrong with an object is its row's failure."""
-    case = job.case
-    scan: AnnotatedScan | None = None
-    floor: float | None = None
-    for views, methods in job.todo.items():
-        blank = ObjectRow("", job.dataset, case.id, case.category, case.shape, views, "", [], version=version)
-        rows = {name: replace(blank, method=name, settings=digest) for name, digest in methods.items()}
-        try:
-            if scan is None:
-                scan = case.scan()
-                floor = scene_floor(scan)
-            frames = {i: scan.frames[i] for i in case.views(views)}
-            truth = scan.ground_truth[case.instance.id]
-            seen = _Seen(scan, floor, frames, truth, find_prior(case.category, config.priors))
-            rows = {name: _with_truth(row, seen) for name, row in rows.items()}
-            yield from _from_one_start(case, seen, rows, config)
-        except Exception as error:  # no object may stop the others
-            log.debug("%s", case.id, exc_info=True)
-            yield from (replace(row, failure=_words(error)) for row in rows.values())
+    case, views = job.case, job.views
+    blank = ObjectRow("", job.dataset, case.id, case.category, case.shape, views, "", [], version=version)
+    rows = {name: replace(blank, method=name, settings=digest) for name, digest in job.todo.items()}
+    try:
+        scan = case.scan()
+        frames = {i: scan.frames[i] for i in case.views(views)}
+        truth = scan.ground_truth[case.instance.id]
+        seen = _Seen(scan, scene_floor(scan), frames, truth, find_prior(case.category, config.priors))
+        rows = {name: _with_truth(row, seen) for name, row in rows.items()}
+        yield from _from_one_start(case, seen, rows, config)
+    except Exception as error:  # no object may stop the others
+        log.debug("%s", case.id, exc_info=True)
+        yield from (replace(row, failure=failure_of(error)) for row in rows.values())
 
 
 def _from_one_start(
@@ -119,7 +115,7 @@ def _from_one_start(
             yield _estimated(begun_row, case, seen, start, sampled, config)
         except Exception as error:  # nor may a method stop the others
             log.debug("%s: %s", case.id, name, exc_info=True)
-            yield replace(begun_row, failure=_words(error))
+            yield replace(begun_row, failure=failure_of(error))
 
 
 def _observe(
@@ -155,10 +151,9 @@ def _estimated(
 ) -> ObjectRow:
     """The row of one method's estimate; only what is done after it sees the ground truth."""
     task = EstimationTask(case.id, seen.prior, (start,), tuple(views), seen.scan.up_world, seen.floor)
-    estimator = method(row.method).estimator()
-    begun, begun_cpu = time.perf_counter(), time.process_time()
-    (estimate,) = estimator.estimate([task])
-    row = replace(row, seconds=time.perf_counter() - begun, seconds_cpu=time.process_time() - begun_cpu)
+    estimator, clock = method(row.method).estimator(), Clock()
+    (estimate,) = estimated(estimator, [task])
+    row = replace(row, **clock.spent())
     if isinstance(estimate, SolveError):
         return replace(row, failure=str(estimate))
     row = replace(row, **_description(estimate))
@@ -237,7 +232,3 @@ def _verdict(evaluation: Evaluation) -> dict[str, object]:
         "chamfer_correct": evaluation.chamfer_correct,
         "well_reconstructed": correct and evaluation.chamfer_m < WELL_CHAMFER_M,
     }
-
-
-def _words(error: Exception) -> str:
-    return str(error) if isinstance(error, ObjectGraphError) else f"{type(error).__name__}: {error}"

@@ -4,16 +4,20 @@
 Ours w/ Det2D, Ours w/ Samp2D, DSP-SLAM* and Node-SLAM*).
 """
 
-from collections.abc import Callable
+import logging
+import time
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from factors.gaussian_depth import Deterministic, Sampled
-from objgraph.errors import EvaluationError
+from objgraph.errors import EvaluationError, ObjectGraphError, SolveError
 from objgraph.estimate import AdamConfig, AdamEstimator, GaussNewtonEstimator
 from objgraph.estimate.graph import GraphEstimator
-from objgraph.estimate.task import Estimator
+from objgraph.estimate.task import Estimate, EstimationTask, Estimator
 from objgraph.graph.builder import GraphConfig
 from objgraph.observation.sampling import SamplingConfig
+
+log = logging.getLogger(__name__)
 
 _DENSE = SamplingConfig(points=1000, hits=500, free=500)
 """As many of one view as an iteration of the paper's estimator takes; of several views it draws among them."""
@@ -51,3 +55,29 @@ def method(name: str) -> Method:
     if name not in METHODS:
         raise EvaluationError(f"no method '{name}'; available: {', '.join(METHODS)}")
     return METHODS[name]
+
+
+class Clock:
+    """What passes from now on, of time and of this process's processor time."""
+
+    def __init__(self) -> None:
+        self._begun, self._begun_cpu = time.perf_counter(), time.process_time()
+
+    def spent(self, objects: int = 1) -> dict[str, float]:
+        """Each object's even share."""
+        seconds, cpu = time.perf_counter() - self._begun, time.process_time() - self._begun_cpu
+        return {"seconds": seconds / max(objects, 1), "seconds_cpu": cpu / max(objects, 1)}
+
+
+def estimated(estimator: Estimator, tasks: Sequence[EstimationTask]) -> list[Estimate | SolveError]:
+    """What comes of the tasks; what an estimator raises is the failure of all."""
+    try:
+        return estimator.estimate(tasks)
+    except Exception as error:  # a method may not stop the others
+        log.debug("%s", estimator, exc_info=True)
+        return [SolveError(failure_of(error))] * len(tasks)
+
+
+def failure_of(error: Exception) -> str:
+    """In words; a bug with its class."""
+    return str(error) if isinstance(error, ObjectGraphError) else f"{type(error).__name__}: {error}"

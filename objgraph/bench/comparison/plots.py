@@ -120,18 +120,13 @@ def _line(
     label: str,
 ) -> None:
     """One method's medians; an end of an interval that is infinite is drawn to the median alone."""
-    middle = np.array([_value(e, name) for e in entries], float) * factor
+    middle = np.array([(e or {}).get(name) for e in entries], float) * factor
     ends = [(e or {}).get(f"{name}_interval") or (None, None) for e in entries]
     spread = np.array([[np.nan if end is None else factor * end for end in pair] for pair in ends], float).T
     reach = np.nan_to_num(np.abs(spread - middle))
     axis.errorbar(
         x, middle, yerr=reach, marker=_marker(index), color=_color(index), capsize=3, lw=1.5, label=label
     )
-
-
-def _value(entry: Entry | None, name: str) -> float:
-    value = None if entry is None else entry[name]
-    return np.nan if value is None else value
 
 
 def _legend(figure: Figure, axis: Axes, columns: int) -> None:

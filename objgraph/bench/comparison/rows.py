@@ -107,8 +107,7 @@ def csv_text(rows: Iterable[ObjectRow]) -> str:
     """One line an object, without what is no single value."""
     names = [field.name for field in fields(ObjectRow) if field.name not in _LONG]
     buffer = io.StringIO()
-    writer = csv.writer(buffer, lineterminator="\n")
-    writer.writerow([*names, "frames"])
-    for row in rows:
-        writer.writerow([*(getattr(row, name) for name in names), " ".join(map(str, row.frames))])
+    writer = csv.DictWriter(buffer, [*names, "frames"], extrasaction="ignore", lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(vars(row) | {"frames": " ".join(map(str, row.frames))} for row in rows)
     return buffer.getvalue()

@@ -28,34 +28,18 @@ class Row(Protocol):
 
     @property
     def method(self) -> str: ...
-
     @property
-    def settings(self) -> str:
-        """Digest of all settings and weights that this row depends on."""
-        ...
-
+    def settings(self) -> str: ...  # their digest
     @property
     def failure(self) -> str | None: ...
-
     @property
-    def version(self) -> str:
-        """Of the program that made the row."""
-        ...
-
+    def version(self) -> str: ...  # of the program
     @property
-    def key(self) -> tuple[Any, ...]:
-        """Of several rows with the same one the last holds."""
-        ...
-
+    def key(self) -> tuple[Any, ...]: ...  # the method and the object; of several rows of one the last holds
     @property
-    def group(self) -> Hashable:
-        """Rows of equal ones have the same settings."""
-        ...
-
+    def group(self) -> Hashable: ...  # rows of equal ones have the same settings
     @property
-    def what(self) -> str:
-        """The object, in words."""
-        ...
+    def what(self) -> str: ...  # the object, in words
 
 
 R = TypeVar("R", bound=Row)

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from objgraph.bench.comparison.bootstrap import Resamples, with_intervals
+from objgraph.bench.comparison.bootstrap import Resamples, same_objects, with_intervals
 from objgraph.bench.comparison.rows import ObjectRow
 from objgraph.bench.comparison.uncertainty import SurfaceErrors, gaussian_pearson
 
@@ -42,13 +42,8 @@ def paired(rows: Sequence[ObjectRow], methods: Sequence[str], seed: int = 0) -> 
         _difference(a, b, group, common, seed)
         for group in groups(rows)
         for a, b in combinations(methods, 2)
-        if (common := _common(select(rows, a, group), select(rows, b, group)))
+        if (common := same_objects([row for row in rows if (row.category, row.views) == group], a, b))
     ]
-
-
-def _common(first: Sequence[ObjectRow], second: Sequence[ObjectRow]) -> list[tuple[ObjectRow, ObjectRow]]:
-    others = {row.case: row for row in second}
-    return [(row, others[row.case]) for row in first if row.case in others]
 
 
 def groups(rows: Sequence[ObjectRow]) -> list[Group]:

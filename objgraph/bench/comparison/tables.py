@@ -1,6 +1,8 @@
 """The paper's two tables in its own form beside its published figures, then medians and paired differences."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from itertools import groupby
+from operator import itemgetter
 from typing import Any
 
 from objgraph.bench.comparison import published
@@ -10,6 +12,7 @@ from objgraph.bench.comparison.report import Entry
 from objgraph.bench.comparison.summary import WORST
 
 _RATES = ("pose_rate", "iou_rate", "chamfer_rate")
+_ERRORS = ("translation\n(cm)", "rotation\n(deg)", "Chamfer\n(cm)")
 _NAMES = ("9-DoF Pose", "IoU>0.25", "CD<0.2")
 _MARKS = "best bold, second underlined, the published rows among themselves"
 
@@ -70,16 +73,9 @@ def pearson_table(entries: Sequence[Entry], methods: Sequence[str], data: str) -
 
 def attainable_table(entries: Sequence[Entry], data: str) -> Grid:
     """How much of the correlation that its standard deviations allow an estimate has."""
-    rows = tuple(
-        (
-            Cell(f"{e['category'].capitalize()}, {_views(e['views'])}"),
-            Cell(e["method"]),
-            Cell(ranged(e, "pearson_metres", 1, 2)),
-            Cell(ranged(e, "pearson_metres_gaussian", 1, 2)),
-        )
-        for e in entries
-        if e["pearson_metres"] is not None
-    )
+    known = [e for e in entries if e["pearson_metres"] is not None]
+    figures = ("pearson_metres", "pearson_metres_gaussian")
+    rows = _section(known, lambda e: (e["method"], *(ranged(e, name, 1, 2) for name in figures)))
     caption = (
         "In metres, over the points that are kept with each object. The second figure is what errors would have that are "
         "Gaussian with exactly these standard deviations: much more is not to be had without wider differences among them."
@@ -90,54 +86,89 @@ def attainable_table(entries: Sequence[Entry], data: str) -> Grid:
 
 def medians_table(entries: Sequence[Entry], data: str) -> Grid:
     """Continuous errors with their bootstrap intervals."""
-    sections: dict[tuple[str, int], list[tuple[Cell, ...]]] = {}
-    for e in entries:
-        row = (
-            Cell(f"{e['category'].capitalize()}, {_views(e['views'])}"),
-            Cell(e["method"]),
-            Cell(str(e["n"])),
-            Cell(str(e["n_failed"])),
-            Cell(ranged(e, "median_translation_m", 100, 1)),
-            Cell(ranged(e, "median_rotation_deg", 1, 1)),
-            Cell(ranged(e, "median_chamfer_m", 100, 2)),
-            Cell(ranged(e, "seconds", 1, 1)),
-            Cell(ranged(e, "seconds_cpu", 1, 1)),
-        )
-        sections.setdefault((e["category"], e["views"]), []).append(row)
-    errors = ("translation\n(cm)", "rotation\n(deg)", "Chamfer\n(cm)", "time\n(s)", "processor\n(s)")
+    figures = (
+        ("median_translation_m", 100, 1), ("median_rotation_deg", 1, 1), ("median_chamfer_m", 100, 2),
+        ("seconds", 1, 1), ("seconds_cpu", 1, 1),
+    )  # fmt: skip
+    sections = _sections(
+        entries,
+        lambda e: (e["method"], str(e["n"]), str(e["n_failed"]), *(ranged(e, *each) for each in figures)),
+    )
     caption = (
         "In brackets 95 % percentile bootstrap over distinct shapes. A failure is infinitely wrong; the time is of "
         "the estimation alone, over those that succeeded."
     )
-    header = ("Objects", "Method", "n", "failed", *errors)
-    grouped = tuple(tuple(rows) for rows in sections.values())
-    return Grid(f"Medians ({data})", header, grouped, caption, words=2)
+    header = ("Objects", "Method", "n", "failed", *_ERRORS, "time\n(s)", "processor\n(s)")
+    return Grid(f"Medians ({data})", header, sections, caption, words=2)
 
 
 def paired_table(pairs: Sequence[Entry], data: str) -> Grid:
     """Differences of two methods on the same objects."""
-    sections: dict[tuple[str, int], list[tuple[Cell, ...]]] = {}
-    for p in pairs:
-        row = (
-            Cell(f"{p['category'].capitalize()}, {_views(p['views'])}"),
-            Cell(f"{p['a']} - {p['b']}"),
-            Cell(str(p["n"])),
-            Cell(ranged(p, "median_translation_m", 100, 2)),
-            Cell(ranged(p, "median_rotation_deg", 1, 2)),
-            Cell(ranged(p, "median_chamfer_m", 100, 2)),
-            Cell(f"{ranged(p, 'mean_pearson', 1, 3)} ({p['n_both_well']})"),
-        )
-        sections.setdefault((p["category"], p["views"]), []).append(row)
+    figures = (("median_translation_m", 100, 2), ("median_rotation_deg", 1, 2), ("median_chamfer_m", 100, 2))
+
+    def texts(p: Entry) -> Iterator[str]:
+        yield from (f"{p['a']} - {p['b']}", str(p["n"]), *(ranged(p, *each) for each in figures))
+        yield f"{ranged(p, 'mean_pearson', 1, 3)} ({p['n_both_well']})"
+
     caption = (
         "Median difference on the same objects, below zero where the first method is better, with 95 % bootstrap over "
         f"distinct shapes. Errors count as {WORST['translation_m']:g} m, {WORST['rotation_deg']:g} degrees and "
         f"{WORST['chamfer_m']:g} m at most, failures as these. Pearson: mean difference over the objects (how many in "
         "brackets) that both reconstruct well, above zero where the first is better."
     )
-    errors = ("translation\n(cm)", "rotation\n(deg)", "Chamfer\n(cm)", "Pearson")
-    header = ("Objects", "Methods", "n", *errors)
-    grouped = tuple(tuple(rows) for rows in sections.values())
-    return Grid(f"Paired differences ({data})", header, grouped, caption, words=2)
+    header = ("Objects", "Methods", "n", *_ERRORS, "Pearson")
+    return Grid(f"Paired differences ({data})", header, _sections(pairs, texts), caption, words=2)
+
+
+def calibration_tables(entries: Sequence[Entry], data: str) -> list[Grid]:
+    """Boxes and surfaces: what share is covered, and by how much errors exceed their standard deviations."""
+    shares = ("50 %", "90 %", "95 %")
+    covered = ("coverage50", "coverage90", "coverage95")
+    of_surface = (*(f"surface_{name}" for name in covered), "surface_nees", "surface_nll", "pearson_surface", "spearman_surface")  # fmt: skip
+
+    def box(e: Entry) -> Iterator[str]:
+        yield from (e["method"], str(e["n"]), *(_figure(e, name) for name in ("wrong_modes", *covered)))
+        yield ranged(e, "nees_per_dof", 1, 2)
+        yield NONE if e["nees_chi2"] is None else "{:.2f} to {:.2f}".format(*e["nees_chi2"])
+        yield from (_figure(e, "nll"), _figure(e, "sharpness", 4))
+
+    surfaces = _section(entries, lambda e: (e["method"], *(_figure(e, name) for name in of_surface)))
+    return [
+        Grid(
+            f"Calibration of the 9-DoF box ({data})",
+            ("Objects", "Method", "n", "wrong\nmode", *shares, "NEES / 9", "if it held", "NLL", "sharpness"),
+            (_section(entries, box),),
+            "Share of all objects whose true box lies in the ellipsoid of that probability; mean squared Mahalanobis error over 9 and negative "
+            "log-likelihood (nats) of those in the right mode (heading within 45 degrees modulo symmetry), with 95 % bootstrap over shapes, "
+            "and where that mean would be if the covariances held; sharpness: geometric mean of the nine standard deviations, median.",
+            words=2,
+        ),
+        Grid(
+            f"Calibration of the surface ({data})",
+            ("Objects", "Method", *shares, "mean z²", "NLL", "Pearson", "Spearman"),
+            (surfaces,),
+            "Signed distance at points of the true surface over its standard deviation, the decoder's own added; means over "
+            "well-reconstructed objects.",
+            words=2,
+        ),
+    ]
+
+
+def _sections(
+    entries: Sequence[Entry], texts: Callable[[Entry], Iterable[str]]
+) -> tuple[tuple[tuple[Cell, ...], ...], ...]:
+    """A section a category and number of views."""
+    groups = groupby(entries, key=itemgetter("category", "views"))
+    return tuple(_section(group, texts) for _, group in groups)
+
+
+def _section(
+    entries: Iterable[Entry], texts: Callable[[Entry], Iterable[str]]
+) -> tuple[tuple[Cell, ...], ...]:
+    """A row an entry: what objects it is of, then its texts."""
+    return tuple(
+        (Cell(f"{e['category'].capitalize()}, {_views(e['views'])}"), *map(Cell, texts(e))) for e in entries
+    )
 
 
 def _rates(
@@ -184,58 +215,5 @@ def _unique(entries: Sequence[Entry], name: str) -> list[Any]:
     return list(dict.fromkeys(e[name] for e in entries))
 
 
-def calibration_tables(entries: Sequence[Entry], data: str) -> list[Grid]:
-    """Boxes and surfaces: what share is covered, and by how much errors exceed their standard deviations."""
-    box_header = (
-        "Objects",
-        "Method",
-        "n",
-        "wrong\nmode",
-        "50 %",
-        "90 %",
-        "95 %",
-        "NEES / 9",
-        "if it held",
-        "NLL",
-        "sharpness",
-    )
-    surface_header = ("Objects", "Method", "50 %", "90 %", "95 %", "mean z²", "NLL", "Pearson", "Spearman")
-    covered = ("coverage50", "coverage90", "coverage95")
-    boxes, surfaces = [], []
-    for e in entries:
-        head = (Cell(f"{e['category'].capitalize()}, {_views(e['views'])}"), Cell(e["method"]))
-        held = NONE if e["nees_chi2"] is None else "{:.2f} to {:.2f}".format(*e["nees_chi2"])
-        boxes.append(
-            (
-                *head, Cell(str(e["n"])), _figure(e, "wrong_modes"), *(_figure(e, name) for name in covered),
-                Cell(ranged(e, "nees_per_dof", 1, 2)), Cell(held), _figure(e, "nll"), _figure(e, "sharpness", 4),
-            )
-        )  # fmt: skip
-        names = (
-            *(f"surface_{name}" for name in covered),
-            "surface_nees",
-            "surface_nll",
-            "pearson_surface",
-            "spearman_surface",
-        )
-        surfaces.append((*head, *(_figure(e, name) for name in names)))
-    return [
-        Grid(
-            f"Calibration of the 9-DoF box ({data})", box_header, (tuple(boxes),),
-            "Share of all objects whose true box lies in the ellipsoid of that probability; mean squared Mahalanobis error over 9 and negative "
-            "log-likelihood (nats) of those in the right mode (heading within 45 degrees modulo symmetry), with 95 % bootstrap over shapes, "
-            "and where that mean would be if the covariances held; sharpness: geometric mean of the nine standard deviations, median.",
-            words=2,
-        ),
-        Grid(
-            f"Calibration of the surface ({data})", surface_header, (tuple(surfaces),),
-            "Signed distance at points of the true surface over its standard deviation, the decoder's own added; means over "
-            "well-reconstructed objects.",
-            words=2,
-        ),
-    ]  # fmt: skip
-
-
-def _figure(entry: Entry, name: str, digits: int = 2) -> Cell:
-    value = entry[name]
-    return Cell(NONE if value is None else f"{value:.{digits}f}")
+def _figure(entry: Entry, name: str, digits: int = 2) -> str:
+    return NONE if entry[name] is None else f"{entry[name]:.{digits}f}"

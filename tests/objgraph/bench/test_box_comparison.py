@@ -2,12 +2,14 @@
 
 import json
 import shutil
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from objgraph.bench.comparison import box_compare, published
 from objgraph.bench.comparison.box_compare import LidarComparison, compare_boxes, estimator_of
+from objgraph.bench.comparison.box_report import box_report
 from objgraph.bench.comparison.box_rows import DETECTIONS, BoxRow, counted, paired, summarize
 from objgraph.cli.main import main
 from objgraph.datasets.kitti import load_frame, load_labels
@@ -100,7 +102,9 @@ def test_a_run_goes_on_where_it_was_stopped(street, tmp_path, monkeypatch):
     for row in rows:
         assert (row.failure is not None) == (row.method != DETECTIONS and row.detection == 2)
         assert (row.iou is None) == (row.failure is not None)
-    with pytest.raises(EvaluationError, match="other settings"):
+    with pytest.raises(
+        EvaluationError, match=r"'detections' made with other settings.*seed: 0 before, 1 now"
+    ):
         compare_boxes(LidarComparison(street, ("graph",), tmp_path, seed=1))
 
 
@@ -147,6 +151,15 @@ def test_the_detections_own_row_is_theirs(street, tmp_path):
         assert row.points == label.box.contains(load_frame(street, row.frame).p_world).sum()
         T = label.T_rect_object
         assert np.allclose(row.error_m, T[:3, :3].T @ (detection.box.centre - T[:3, 3]))
+
+
+def test_a_report_says_how_many_detections_are_left_out(street, tmp_path):
+    comparison = LidarComparison(street, (), tmp_path)
+    rows = compare_boxes(comparison)
+    rows[0] = replace(rows[0], label=None, points=None)
+    least = sorted(row.points for row in rows if row.points is not None)[1]
+    counts = box_report(comparison, rows, least).document("made so")["detections"]
+    assert counts == {"all": len(rows), "of_a_label": len(rows) - 1, "with_the_points": len(rows) - 2}
 
 
 def test_the_command_writes_table_three(street, tmp_path, capsys):
