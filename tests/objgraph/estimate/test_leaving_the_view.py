@@ -40,7 +40,10 @@ def graph_loss(name: str, view: ObjectView, shift: np.ndarray) -> float:
 def descent_loss(name: str, view: ObjectView, shift: np.ndarray) -> float:
     (drawn,) = draw_rays(PRIOR.decoder, [shifted(shift)], [Pool.of([view])], RaySteps(slope=SLOPE))
     sdf = drawn.sdf.double()
-    samples = RaySamples(sdf, torch.full_like(sdf, 0.01), drawn.cells, drawn.targets, SLOPE)
+    # as the estimator has it: uncertain near the surface alone; nobody descends with the full renderer, whose window
+    # would grow by what is uncertain in the box and not out of it
+    sigma = torch.full_like(sdf, 0.01) * (drawn.near | (name == "full"))
+    samples = RaySamples(sdf, sigma, drawn.cells, drawn.targets, SLOPE)
     return float(RENDERERS[name].score(samples).sum()) / drawn.count
 
 
