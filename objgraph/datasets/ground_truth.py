@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -31,6 +32,8 @@ class AnnotatedScan(Scan):
 
     ground_truth: Mapping[int, GroundTruth] = field(default_factory=dict)
     """By instance id."""
+    conditions: Mapping[str, Any] = field(default_factory=dict)
+    """What is wrong with the scan and how strongly, where that is known, as JSON values."""
 
 
 def annotated(scan: Scan) -> AnnotatedScan:

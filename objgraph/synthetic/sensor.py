@@ -57,10 +57,13 @@ def sense_depth(
 
 
 def sense_masks(
-    instances: Int[np.ndarray, "h w"], config: SensorConfig, rng: np.random.Generator
+    instances: Int[np.ndarray, "h w"],
+    config: SensorConfig,
+    rng: np.random.Generator,
+    correlation_px: float = 2.5,
 ) -> Int[np.ndarray, "h w"]:
-    """The masks with their borders moved, smoothly along the border, by about `config.mask_px`."""
-    shift = np.stack([config.mask_px * _noise(instances.shape, 2.5, rng) for _ in range(2)])
+    """The masks with their borders moved, alike over `correlation_px` of the border, by about `config.mask_px`."""
+    shift = np.stack([config.mask_px * _noise(instances.shape, correlation_px, rng) for _ in range(2)])
     return _displace(instances, shift)
 
 
@@ -93,8 +96,9 @@ def _noise(shape: tuple[int, ...], correlation_px: float, rng: np.random.Generat
     white = rng.normal(size=shape)
     if correlation_px == 0:
         return white
-    impulse = np.zeros((33, 33))
-    impulse[16, 16] = 1
+    reach = max(16, int(4 * correlation_px) + 1)
+    impulse = np.zeros((2 * reach + 1, 2 * reach + 1))
+    impulse[reach, reach] = 1
     gain = np.linalg.norm(ndimage.gaussian_filter(impulse, correlation_px))
     return ndimage.gaussian_filter(white, correlation_px, mode="wrap") / gain
 

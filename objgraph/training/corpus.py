@@ -11,7 +11,7 @@ import trimesh
 
 from objgraph.errors import PriorError
 from objgraph.training.families import FAMILIES, draw
-from objgraph.training.index import CadMesh, heldout_groups, read_index
+from objgraph.training.index import HELDOUT_SHARE, CadMesh, heldout_groups, read_index
 from objgraph.training.mesh_files import canonical, read_mesh
 from objgraph.training.samples import (
     SampleConfig,
@@ -38,7 +38,7 @@ class CorpusConfig:
     """Warped copies of every collected mesh, beside itself."""
     swaps: int = 150
     """Meshes put together from two collected ones, where a category has parts to swap."""
-    heldout_share: float = 0.2
+    heldout_share: float = HELDOUT_SHARE
     """Share of the collected meshes that is held out, by groups of near-duplicates."""
     validation: bool = False
     """Leave the held-out meshes out altogether and hold out the next ones in their place: for choosing settings."""

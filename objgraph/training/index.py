@@ -10,6 +10,10 @@ from objgraph.errors import PriorError
 from objgraph.training.mesh_files import SUFFIXES, list_meshes
 
 
+HELDOUT_SHARE = 0.2
+"""Of every source's meshes, for evaluation alone."""
+
+
 @dataclass(frozen=True)
 class CadMesh:
     """A collected mesh's entry in `index.json`."""
@@ -21,6 +25,12 @@ class CadMesh:
     source: str
     size: tuple[float, float, float] | None
     """Metric extents where the source has them."""
+    maker: str = "people"
+    """"people" or "generator"."""
+    kind: str = ""
+    """Of a generator's meshes, which of its factories made them."""
+    split: str = "train"
+    """What the index itself says; "train" leaves it to `heldout_groups`."""
 
 
 def read_index(folder: Path, category: str) -> list[CadMesh]:
@@ -42,6 +52,9 @@ def read_index(folder: Path, category: str) -> list[CadMesh]:
                 attribution=entry["attribution"],
                 source=entry["source_repo"],
                 size=None if entry["size_m"] is None else tuple(entry["size_m"]),
+                maker=entry.get("made_by", "people"),
+                kind=entry.get("kind", ""),
+                split=entry.get("split", "train"),
             )
             for entry in entries
             if entry["category"] == category
@@ -74,13 +87,13 @@ def _unlisted(folder: Path, category: str) -> list[CadMesh]:
 
 
 def heldout_groups(meshes: Sequence[CadMesh], share: float) -> set[str]:
-    """Groups held out: of every source, in an order that only the names decide, at least the share of its meshes.
+    """Groups held out: of every source and kind, in an order that only the names decide, at least the share of its meshes.
 
     Sources of one group each are drawn from together.
     """
-    sources: dict[str, dict[str, int]] = {}
+    sources: dict[tuple[str, str], dict[str, int]] = {}
     for mesh in meshes:
-        counts = sources.setdefault(mesh.source, {})
+        counts = sources.setdefault((mesh.source, mesh.kind), {})
         counts[mesh.group] = counts.get(mesh.group, 0) + 1
     pools = [counts for counts in sources.values() if len(counts) > 1]
     pools.append({group: n for counts in sources.values() if len(counts) == 1 for group, n in counts.items()})

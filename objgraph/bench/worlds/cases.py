@@ -9,8 +9,11 @@ import gtsam
 import numpy as np
 from numpy.random import Generator
 
+from objgraph.bench.worlds.difficult_views import draw_difficult_scene, visible_shares
 from objgraph.bench.worlds.families import FAMILIES, make_piece
-from objgraph.bench.worlds.meshes import choose_meshes, mesh_furniture
+from objgraph.bench.worlds.faults import Difficulty, FaultRanges, Faults, ranges_of
+from objgraph.bench.worlds.meshes import CadShape, ShapeSet, choose_shapes, mesh_furniture
+from objgraph.bench.worlds.photograph import MEASURED, dark_places, photograph
 from objgraph.bench.worlds.viewpoints import VIEWS, Pose, Scene, Spacing, can_hold, draw_scene, intrinsics
 from objgraph.datasets.ground_truth import AnnotatedScan, GroundTruth
 from objgraph.errors import DatasetError
@@ -42,16 +45,28 @@ class BenchmarkConfig:
     categories: tuple[str, ...] = ("chair", "table")
     """Categories of the objects."""
     spacing: Spacing = "wide"
-    """Views 40 to 100 degrees apart about the object, or 5 to 15."""
+    """Clean views are 40 to 100 degrees apart about the object, or 5 to 15."""
+    difficulty: Difficulty = "clean"
+    """Which faults scans have."""
+    faults: FaultRanges | None = None
+    """Their strengths, in place of the difficulty's."""
+    shapes: ShapeSet = "families"
+    """Which shapes: the families, or of `meshes` those held out, made by people (`cad`) or by a generator (`everyday`)."""
     meshes: Path | None = None
-    """A folder with a subfolder of CAD meshes for each category (y up, front at -z): shapes to use instead."""
+    """A folder with a subfolder of CAD meshes for each category (y up, front at -z)."""
     sensor: SensorConfig = field(default_factory=SensorConfig)
-    """The faults of depth and masks."""
+    """The faults of clean depth and masks."""
 
     @property
     def count(self) -> int:
         """Objects a category."""
         return SIZES[self.size] if self.objects is None else self.objects
+
+    @property
+    def ranges(self) -> FaultRanges | None:
+        """Of the faults' strengths; None for clean scans. Raises `DatasetError` for an unknown difficulty."""
+        ranges = ranges_of(self.difficulty)
+        return ranges if self.faults is None or ranges is None else self.faults
 
 
 @dataclass(frozen=True)
@@ -71,8 +86,12 @@ class Case:
     """Of the object within its category."""
     spacing: Spacing
     sensor: SensorConfig
-    mesh: Path | None = None
-    """The file of its shape; None for one of the families."""
+    difficulty: Difficulty = "clean"
+    faults: Faults | None = None
+    """Strengths; None for a clean scan."""
+    shapes: ShapeSet = "families"
+    mesh: CadShape | None = None
+    """Its shape; None for one of the families."""
 
     def scan(self) -> AnnotatedScan:
         """Render it: the same frames every time. The ground truth is the target's alone.
@@ -84,11 +103,28 @@ class Case:
         world = self.world()
         cameras = world.scene.cameras[self.spacing]
         # each frame has its own noise, so that the first is the same for either spacing
-        frames = [
-            world.frame(gtsam.Pose3(_raised(pose, world.floor)), str(k), rng)
-            for k, (pose, rng) in enumerate(zip(cameras, world.noise.spawn(VIEWS), strict=True))
+        noise = world.noise.spawn(VIEWS)
+        truth = {self.instance.id: world.truth}
+        if self.faults is None:
+            frames = [
+                world.frame(gtsam.Pose3(_raised(pose, world.floor)), str(k), rng)
+                for k, (pose, rng) in enumerate(zip(cameras, noise, strict=True))
+            ]
+            return AnnotatedScan(self.id, _Frames(frames), (self.instance,), UP, truth)
+        dark = dark_places(world.truth, self.faults.holes, world.noise)
+        photographs = [
+            photograph(
+                world.renderer, pose, world.floor, dark, self.instance.id, self.faults, self.sensor, str(k), rng
+            )
+            for k, (pose, rng) in enumerate(zip(cameras, noise, strict=True))
         ]
-        return AnnotatedScan(self.id, _Frames(frames), (self.instance,), UP, {self.instance.id: world.truth})
+        conditions = {
+            **asdict(self.faults),
+            "visible": visible_shares(world.scene.room, cameras),
+            **{name: [getattr(each, name) for each in photographs] for name in MEASURED},
+        }
+        frames = [each.frame for each in photographs]
+        return AnnotatedScan(self.id, _Frames(frames), (self.instance,), UP, truth, conditions)
 
     def world(self) -> "World":
         """The room itself, to be seen from anywhere: always the same. Raises as `scan` does."""
@@ -96,7 +132,7 @@ class Case:
         piece = self._piece(shape)
         # where the floor lies is for the estimator to find
         floor = float(shape.uniform(-1, 1))
-        drawn = draw_scene(piece, scene)
+        drawn = draw_scene(piece, scene) if self.faults is None else draw_difficult_scene(piece, self.faults, scene)
         target, room = drawn.room.target, drawn.room
         truth = GroundTruth(
             _raised(target.T_world_object, floor), target.scale, piece.mesh.vertices.view(np.ndarray).copy(),
@@ -116,7 +152,7 @@ class Case:
 
     def _piece(self, rng: Generator) -> Furniture:
         if self.mesh is not None:
-            return mesh_furniture(self.category, self.mesh, rng)
+            return mesh_furniture(self.category, self.mesh.path, rng, self.mesh.diagonal_m)
         return make_piece(self.category, _family(self.category, self.index), rng)
 
 
@@ -165,18 +201,23 @@ def synthetic_cases(config: BenchmarkConfig) -> list[Case]:
 
 
 def _cases(config: BenchmarkConfig, category: Category) -> list[Case]:
-    meshes = _meshes(config, category)
+    if config.difficulty != "clean" and config.spacing != "wide":
+        raise DatasetError("a spacing of views is for clean scans; with faults it is one of the strengths")
+    meshes, ranges = _meshes(config, category), config.ranges
     cases = []
     for index in range(config.count):
         shape, mesh = f"{_family(category, index)}-{config.seed}-{index}", None
         if config.meshes is not None:
             mesh = meshes[index]
-            shape = mesh.relative_to(config.meshes).as_posix()
-        case_id = f"{category}-s{config.seed}-{index:03d}{_ending(config, shape)}"
+            shape = mesh.path.relative_to(config.meshes).as_posix()
+        # a generator of its own, so that the room is not another one with other strengths
+        strengths = np.random.SeedSequence(config.seed, spawn_key=(_NUMBERS[category], index, 1))
+        faults = None if ranges is None else ranges.draw(np.random.default_rng(strengths))
         cases.append(
             Case(
-                case_id, category, shape, Instance(_TARGET, category), config.seed, index, config.spacing,
-                config.sensor, mesh,
+                f"{category}-s{config.seed}-{index:03d}{_ending(config, shape)}", category, shape,
+                Instance(_TARGET, category), config.seed, index, config.spacing, config.sensor, config.difficulty,
+                faults, config.shapes, mesh,
             )
         )  # fmt: skip
     return cases
@@ -212,17 +253,24 @@ def _family(category: Category, index: int) -> str:
     return families[index % len(families)]
 
 
-def _meshes(config: BenchmarkConfig, category: Category) -> list[Path]:
+def _meshes(config: BenchmarkConfig, category: Category) -> list[CadShape]:
     if config.meshes is None:
+        if config.shapes != "families":
+            raise DatasetError(f"shapes '{config.shapes}' are a folder's: give one (--meshes)")
         return []
     # a generator of its own: that of no object
     order = np.random.SeedSequence(config.seed, spawn_key=(_NUMBERS[category],))
-    return choose_meshes(config.meshes, category, config.count, np.random.default_rng(order))
+    chosen = np.random.default_rng(order)
+    return choose_shapes(config.meshes, category, config.shapes, config.count, chosen)
 
 
 def _ending(config: BenchmarkConfig, shape: str) -> str:
     """What of the configuration an id must say beside the seed: all but the size, where it is not the default."""
     parts = [config.spacing] if config.spacing != "wide" else []
+    if config.difficulty != "clean":
+        parts.append(config.difficulty)
+    if config.faults is not None:
+        parts.append(f"faults.{_digest(asdict(config.faults))}")
     if config.meshes is not None:
         parts.append(f"{config.meshes.name}.{_digest((str(config.meshes.resolve()), shape))}")
     if config.sensor != SensorConfig():

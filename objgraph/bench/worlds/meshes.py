@@ -1,7 +1,9 @@
 """CAD meshes of a user's folder as furniture: which there are, what size and symmetry each has."""
 
 import logging
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import open3d as o3d
@@ -10,9 +12,13 @@ from numpy.random import Generator
 
 from objgraph.errors import DatasetError, PriorError
 from objgraph.synthetic.furniture import Category, Furniture
+from objgraph.training.index import HELDOUT_SHARE, heldout_groups, read_index
 from objgraph.training.mesh_files import SUFFIXES, canonical, list_meshes, read_mesh
 
 log = logging.getLogger(__name__)
+
+ShapeSet = Literal["families", "cad", "everyday"]
+"""The benchmark's own families; people's meshes; a generator's. No prior is trained on any."""
 
 _HEIGHT_M: dict[Category, tuple[float, float]] = {"chair": (0.78, 1.0), "table": (0.45, 0.76)}
 _DIAGONAL_M: dict[Category, tuple[float, float]] = {"chair": (0.8, 1.5), "table": (0.6, 2.1)}
@@ -20,31 +26,64 @@ _SAME = 0.02
 """Distance, in diagonals, within which 98 % of a shape turned about y must lie of itself to count as the same."""
 
 
-def choose_meshes(folder: Path, category: Category, count: int, rng: Generator) -> list[Path]:
-    """The files of `count` objects: a shuffle of those that can be read, from its start again when it ends.
+@dataclass(frozen=True)
+class CadShape:
+    """A mesh file to make a piece of."""
+
+    path: Path
+    diagonal_m: float | None = None
+    """Of the real thing, where that is known."""
+
+
+def choose_shapes(
+    folder: Path, category: Category, shapes: ShapeSet, count: int, rng: Generator
+) -> list[CadShape]:
+    """The shapes of `count` objects: a shuffle of those that can be read, from its start again when it ends.
 
     With an equal generator a longer list begins with a shorter one. A file that cannot be read is left out with
-    a warning. Raises `DatasetError` when the folder has no subfolder of the category, or no mesh there.
+    a warning. Of a folder with an `index.json` only what is held out from training, made by people or by a generator;
+    of another every mesh file in the category's subfolder.
+
+    Raises:
+        DatasetError: there is no such subfolder or no such mesh.
     """
     own = folder / category
     if not own.is_dir():
         raise DatasetError(
             f"{own}: no such folder; the meshes of each category lie in a subfolder of its name"
         )
-    names = list_meshes(folder, category)
-    chosen: list[Path] = []
-    for i in rng.permutation(len(names)):
+    listed = _listed(folder, category, shapes)
+    chosen: list[CadShape] = []
+    for i in rng.permutation(len(listed)):
         if len(chosen) == count:
             break
         try:
-            read_piece(category, folder / names[i])
+            read_piece(category, listed[i].path)
         except PriorError as error:
             log.warning("a mesh is left out of the benchmark: %s", error)
             continue
-        chosen.append(folder / names[i])
+        chosen.append(listed[i])
     if not chosen:
-        raise DatasetError(f"{own}: none of its {len(names)} mesh files ({', '.join(SUFFIXES)}) can be read")
+        raise DatasetError(
+            f"{own}: none of its {len(listed)} mesh files ({', '.join(SUFFIXES)}) of the set '{shapes}' can be read"
+        )
     return [chosen[i % len(chosen)] for i in range(count)]
+
+
+def _listed(folder: Path, category: Category, shapes: ShapeSet) -> list[CadShape]:
+    if not (folder / "index.json").is_file():
+        return [CadShape(folder / name) for name in list_meshes(folder, category)]
+    try:
+        meshes = read_index(folder, category)
+    except PriorError as error:
+        raise DatasetError(str(error)) from error
+    held = heldout_groups(meshes, HELDOUT_SHARE)
+    makers = {"cad": ("people",), "everyday": ("generator",)}.get(shapes, ("people", "generator"))
+    return [
+        CadShape(folder / mesh.file, None if mesh.size is None else float(np.linalg.norm(mesh.size)))
+        for mesh in meshes
+        if mesh.maker in makers and (mesh.group in held or mesh.split != "train")
+    ]
 
 
 def read_piece(category: Category, path: Path) -> trimesh.Trimesh:
@@ -52,10 +91,17 @@ def read_piece(category: Category, path: Path) -> trimesh.Trimesh:
     return canonical(read_mesh(path), str(path))
 
 
-def mesh_furniture(category: Category, path: Path, rng: Generator) -> Furniture:
-    """A file's mesh as a piece of a size that such furniture has. Raises `PriorError` when it cannot be read."""
+def mesh_furniture(
+    category: Category, path: Path, rng: Generator, diagonal_m: float | None = None
+) -> Furniture:
+    """A file's mesh as a piece of its own size, or of one that such furniture has.
+
+    Raises `PriorError` when it cannot be read.
+    """
     mesh = read_piece(category, path)
     height = rng.uniform(*_HEIGHT_M[category])
+    if diagonal_m is not None:
+        return Furniture(category, path.stem, mesh, diagonal_m, symmetry_of(mesh))
     diagonal = float(np.clip(height / max(mesh.extents[1], 1e-3), *_DIAGONAL_M[category]))
     return Furniture(category, path.stem, mesh, diagonal, symmetry_of(mesh))
 

@@ -7,7 +7,9 @@ import trimesh
 from jaxtyping import Float
 from numpy.random import Generator
 
+from objgraph.bench.worlds.crowd import pushed_against, things_on
 from objgraph.bench.worlds.families import FAMILIES, make_piece
+from objgraph.bench.worlds.faults import Faults
 from objgraph.synthetic.furniture import Category, Furniture
 from objgraph.synthetic.parts import join
 from objgraph.synthetic.scene import PlacedFurniture, RoomConfig, overlap, room_shell, stand
@@ -34,20 +36,26 @@ class Room:
     size_m: tuple[float, float]
 
 
-def draw_room(piece: Furniture, bearing: float, rng: Generator) -> Room:
+def draw_room(piece: Furniture, bearing: float, rng: Generator, faults: Faults | None = None) -> Room:
     """The piece near the middle at any heading, with 2 to 5 things about it, some of them towards `bearing`.
 
-    `bearing`: radians about z from the target to where the first view is to be taken.
+    `bearing`: radians about z from the target to where the first view is to be taken. With `faults` there may be things
+    on it, and furniture pushed under or over it.
     """
     size = rng.uniform(4.6, 6.4, 2)
     target = stand(
         piece, draw_scale(piece, rng), rng.uniform(-0.1, 0.1, 2) * size, rng.uniform(-np.pi, np.pi)
     )
     occupied, clutter, props = [target.footprint], [], []
+    if faults is not None:
+        if faults.pushed or faults.merged:
+            clutter.append(pushed_against(target, _any_piece(rng, "table" if piece.category == "chair" else "chair"), rng))
+            occupied.append(clutter[0].footprint)
+        props += things_on(target, round(faults.things_on), rng)
     for _ in range(int(rng.integers(2, 6))):
         mean = bearing if rng.random() < _NEAR_VIEW else rng.uniform(-np.pi, np.pi)
         if rng.random() < _FURNITURE:
-            other = _any_piece(rng)
+            other = _any_piece(rng, "chair" if rng.random() < 0.5 else "table")
             placed = stand(other, draw_scale(other, rng), np.zeros(2), rng.uniform(-np.pi, np.pi))
             at = _free_place(placed.footprint, occupied, size, mean, rng)
             if at is not None:
@@ -61,7 +69,10 @@ def draw_room(piece: Furniture, bearing: float, rng: Generator) -> Room:
             props.append(prop)
             occupied.append(_footprint(prop))
     shape = RoomConfig(walls=int(rng.integers(2, 5)), size_m=(float(size[0]), float(size[1])))
-    shell = (*room_shell(shape), *props)
+    floor, *walls = room_shell(shape)
+    if faults is not None:
+        floor.apply_translation([0, 0, faults.floor_m])
+    shell = (floor, *walls, *props)
     return Room(target, tuple(clutter), shell, tuple(occupied), shape.size_m)
 
 
@@ -73,8 +84,7 @@ def draw_scale(piece: Furniture, rng: Generator, stretch: float = 0.05) -> Float
     return scale
 
 
-def _any_piece(rng: Generator) -> Furniture:
-    category: Category = "chair" if rng.random() < 0.5 else "table"
+def _any_piece(rng: Generator, category: Category) -> Furniture:
     return make_piece(category, str(rng.choice(FAMILIES[category])), rng)
 
 

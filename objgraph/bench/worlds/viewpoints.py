@@ -166,10 +166,15 @@ class _Photographer:
         )
         if not can_hold(self.room, eye[:2]):
             return None
-        T = look_at(eye, aim, np.array([0.0, 0.0, 1.0]))
-        c, s = np.cos(roll), np.sin(roll)
-        T[:3, :3] = T[:3, :3] @ np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
+        T = with_roll(look_at(eye, aim, np.array([0.0, 0.0, 1.0])), roll)
         return T if self.view.good(T) else None
+
+
+def with_roll(T_world_camera: Pose, roll: float) -> Pose:
+    """A camera turned about where it looks, radians."""
+    turned, c, s = T_world_camera.copy(), np.cos(roll), np.sin(roll)
+    turned[:3, :3] = turned[:3, :3] @ np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
+    return turned
 
 
 def can_hold(room: Room, at: Float[np.ndarray, "2"]) -> bool:

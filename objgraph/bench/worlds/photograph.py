@@ -1,0 +1,108 @@
+"""One faulty frame, and how wrong it came out."""
+
+from dataclasses import dataclass
+
+import gtsam
+import numpy as np
+from jaxtyping import Bool, Float
+from numpy.random import Generator
+from scipy.spatial import cKDTree
+
+from objgraph.bench.worlds.faults import Faults, unit
+from objgraph.bench.worlds.faulty_images import faulty_depth, faulty_masks
+from objgraph.bench.worlds.viewpoints import Pose, intrinsics
+from objgraph.datasets.ground_truth import GroundTruth
+from objgraph.geometry.frames import transformed
+from objgraph.observation.frames import Frame
+from objgraph.synthetic.camera import CameraConfig, camera_matrix
+from objgraph.synthetic.render import Renderer
+from objgraph.synthetic.sensor import SensorConfig
+
+MEASURED = ("mask_precision", "mask_recall", "without_depth", "camera_error_m", "camera_error_deg")
+"""Fields of `Photograph` that say how wrong it is."""
+_SPOT_M = 0.1
+"""Radius of one dark or shiny place."""
+
+
+@dataclass(frozen=True)
+class Photograph:
+    """A frame as a person would get it."""
+
+    frame: Frame
+    mask_precision: float
+    """Share of the target's mask that is the target."""
+    mask_recall: float
+    """Share of what is seen of the target that its mask has."""
+    without_depth: float
+    """Share of the mask."""
+    camera_error_m: float
+    camera_error_deg: float
+
+
+@dataclass(frozen=True)
+class DarkPlaces:
+    """Where a surface gives no depth: the same in every view."""
+
+    p_world: Float[np.ndarray, "n 3"]
+
+    def hide(self, p_world: Float[np.ndarray, "m 3"]) -> Bool[np.ndarray, "m"]:
+        """Which of some points."""
+        if not len(self.p_world):
+            return np.zeros(len(p_world), dtype=bool)
+        return cKDTree(self.p_world).query(p_world, distance_upper_bound=_SPOT_M)[0] < _SPOT_M
+
+
+def dark_places(truth: GroundTruth, share: float, rng: Generator) -> DarkPlaces:
+    """Spots on an object that cover about a share of its surface."""
+    surface = transformed(truth.T_world_object, truth.scale * truth.vertices)[truth.faces]
+    edges = surface[:, 1:] - surface[:, :1]
+    area = 0.5 * np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1)
+    faces = rng.choice(len(surface), 2000, p=area / area.sum())
+    weights = rng.dirichlet([1.0, 1.0, 1.0], 2000)
+    points = (weights[:, None] @ surface[faces])[:, 0]
+    middles: list[np.ndarray] = []
+    left = np.ones(len(points), dtype=bool)
+    while left.mean() > 1 - share:
+        middles.append(points[rng.choice(np.flatnonzero(left))])
+        left &= np.linalg.norm(points - middles[-1], axis=1) > _SPOT_M
+    return DarkPlaces(np.reshape(middles, (-1, 3)))
+
+
+def photograph(
+    renderer: Renderer,
+    T_room_camera: Pose,
+    floor: float,
+    dark: DarkPlaces,
+    target: int,
+    faults: Faults,
+    sensor: SensorConfig,
+    name: str,
+    rng: Generator,
+) -> Photograph:
+    """What a camera at a place of the room makes of it, and where it is said to be; the room's floor is at `floor`."""
+    camera = CameraConfig()
+    K, width, height = camera_matrix(camera), camera.width, camera.height
+    view = renderer.render(K, T_room_camera, width, height)
+    T_world_camera = T_room_camera.copy()
+    T_world_camera[2, 3] += floor
+    v, u = np.nonzero(view.instances == target)
+    p_camera = intrinsics().backproject(u, v) * view.depth[v, u, None]
+    hidden = np.zeros(view.depth.shape, dtype=bool)
+    hidden[v, u] = dark.hide(transformed(T_world_camera, p_camera))
+    depth = faulty_depth(view.depth, view.incidence, hidden, faults, sensor, rng)
+    masks = faulty_masks(view.instances, target, faults, rng)
+    told, error = _told(T_world_camera, faults, rng)
+    frame = Frame(name, depth, intrinsics(), told, masks, view.color)
+    mask, true = masks == target, view.instances == target
+    both = float((mask & true).sum())
+    return Photograph(
+        frame, both / max(mask.sum(), 1), both / max(true.sum(), 1),
+        float((depth[mask] == 0).mean()) if mask.any() else 1.0, *error,
+    )  # fmt: skip
+
+
+def _told(T_world_camera: Pose, faults: Faults, rng: Generator) -> tuple[Pose, tuple[float, float]]:
+    """Where the camera is said to be, and by how much that is wrong (metres, degrees)."""
+    metres, degrees = faults.camera_m * rng.uniform(0.5, 1.0), faults.camera_deg * rng.uniform(0.5, 1.0)
+    step = np.concatenate([np.radians(degrees) * unit(rng), metres * unit(rng)])
+    return gtsam.Pose3(T_world_camera).retract(step).matrix(), (float(metres), float(degrees))
