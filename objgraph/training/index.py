@@ -9,7 +9,6 @@ from pathlib import Path
 from objgraph.errors import PriorError
 from objgraph.training.mesh_files import SUFFIXES, list_meshes
 
-
 HELDOUT_SHARE = 0.2
 """Of every source's meshes, for evaluation alone."""
 

@@ -82,7 +82,7 @@ def with_intervals(figures: Mapping[str, tuple[float | None, Interval]]) -> dict
 
 def same_objects(rows: Sequence[R], a: str, b: str) -> list[tuple[R, R]]:
     """The rows of two methods on each object that both have."""
-    first, second = ({row.key[1:]: row for row in rows if row.method == name} for name in (a, b))
+    first, second = ({row.key[1:]: row for row in rows if row.key[0] == name} for name in (a, b))
     return [(row, second[key]) for key, row in first.items() if key in second]
 
 

@@ -29,6 +29,16 @@ class Case(Protocol):
         ...
 
     @property
+    def difficulty(self) -> str:
+        """Of a synthetic scan; empty for another."""
+        ...
+
+    @property
+    def shapes(self) -> str:
+        """The set that its shape is of, where there are several."""
+        ...
+
+    @property
     def instance(self) -> Instance: ...
 
     def scan(self) -> AnnotatedScan:
@@ -71,6 +81,9 @@ class SyntheticSource:
         return {
             "seed": self.config.seed,
             "spacing": self.config.spacing,
+            "difficulty": self.config.difficulty,
+            "faults": None if self.config.ranges is None else asdict(self.config.ranges),
+            "shapes": self.config.shapes,
             "meshes": None if meshes is None else str(meshes.resolve()),
             "sensor": asdict(self.config.sensor),
         }

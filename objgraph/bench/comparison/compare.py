@@ -12,7 +12,7 @@ from objgraph.bench.comparison.cases import Case, CaseSource
 from objgraph.bench.comparison.config import ComparisonConfig, row_settings
 from objgraph.bench.comparison.measure import Job
 from objgraph.bench.comparison.methods import method
-from objgraph.bench.comparison.rows import Key, ObjectRow, csv_text
+from objgraph.bench.comparison.rows import SHARED, Key, ObjectRow, csv_text, method_and_start
 from objgraph.bench.comparison.store import Tell, complete, digest, write_text
 from objgraph.errors import EvaluationError
 
@@ -28,6 +28,7 @@ class Comparison:
 
     source: CaseSource
     methods: tuple[str, ...]
+    """By name, or with their starts (`rows.contender`)."""
     views: tuple[int, ...]
     out: Path
     """Folder of the rows."""
@@ -53,7 +54,7 @@ def compare(
     """
     tell = tell or (lambda what, done, total: None)
     for name in comparison.methods:
-        method(name)
+        method(method_and_start(name)[0])
     cases = comparison.source.cases(lambda done, total: tell("reading scans", done, total))
     _check_cases(cases)
     settings = {
@@ -93,7 +94,7 @@ def starts_apart(rows: Sequence[ObjectRow], tolerance: float = 1e-4) -> list[tup
     """Objects and numbers of views on which methods began at different states, as other versions may find them."""
     starts: dict[tuple[str, int], list[np.ndarray]] = {}
     for row in rows:
-        if row.start_T_world_object is not None and row.start_scale is not None:
+        if row.start == SHARED and row.start_T_world_object is not None and row.start_scale is not None:
             start = np.vstack([np.array(row.start_T_world_object)[:3].T, row.start_scale])
             starts.setdefault((row.case, row.views), []).append(start)
     return [key for key, found in starts.items() if np.ptp(np.stack(found), axis=0).max() > tolerance]

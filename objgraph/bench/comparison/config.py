@@ -8,6 +8,7 @@ from typing import Any
 
 from objgraph.bench.comparison.cases import CaseSource
 from objgraph.bench.comparison.methods import method
+from objgraph.bench.comparison.rows import SHARED, method_and_start
 from objgraph.bench.comparison.uncertainty import POINTS
 from objgraph.graph.builder import GraphConfig
 from objgraph.graph.initialise import InitialisationConfig
@@ -56,12 +57,14 @@ def row_settings(source: CaseSource, config: ComparisonConfig, name: str, catego
     Raises:
         EvaluationError: there is no such method.
     """
+    name, start = method_and_start(name)
     chosen, prior = method(name), find_prior(category, config.priors)
     common = {k: v for k, v in asdict(config).items() if k != "priors"}
     return {
         "data": {"dataset": source.dataset, **source.settings()},
         "common": settings_of(common),
         "method": {"estimator": settings_of(chosen.estimator()), "sampling": settings_of(chosen.sampling)},
+        "start": "best" if start == SHARED else chosen.start,
         "prior": prior_hash(category, config),
         "misfit": {"box": settings_of(prior.box_misfit), "surface": prior.surface_misfit},
     }

@@ -1,10 +1,10 @@
 """Every method on one object, from the same frames and the same start, measured against the ground truth."""
 
 import logging
-import time
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from functools import cache
+from typing import Any
 
 import numpy as np
 import trimesh
@@ -12,18 +12,18 @@ import trimesh
 from factors.state import ObjectState
 from objgraph.bench.comparison.cases import Case
 from objgraph.bench.comparison.config import ComparisonConfig, find_prior
-from objgraph.bench.comparison.methods import Clock, estimated, failure_of, method
-from objgraph.bench.comparison.rows import ObjectRow
+from objgraph.bench.comparison.methods import Clock, StartKind, estimated, failure_of, method
+from objgraph.bench.comparison.rows import SHARED, ObjectRow, method_and_start
+from objgraph.bench.comparison.starts import Start, find_start
 from objgraph.bench.comparison.store import plain
 from objgraph.bench.comparison.uncertainty import surface_errors
 from objgraph.bench.metrics.box_error import box_error
 from objgraph.bench.metrics.metrics import Evaluation, evaluate_object
+from objgraph.bench.worlds.photograph import MEASURED
 from objgraph.covariance.box import box_pose
 from objgraph.datasets.ground_truth import AnnotatedScan, GroundTruth
 from objgraph.errors import InitialisationError, ObjectGraphError, ObservationError, SolveError
 from objgraph.estimate.task import Estimate, EstimationTask
-from objgraph.graph.builder import ObjectBuilder
-from objgraph.graph.initialise import guesses, rank
 from objgraph.maps.pipeline import scene_floor
 from objgraph.observation.frames import Frame
 from objgraph.observation.sampling import ObjectView, SamplingConfig, observe
@@ -47,7 +47,7 @@ class Job:
     dataset: str
     views: int
     todo: Mapping[str, str]
-    """Methods, and the digest of the settings of each one's row."""
+    """Contenders, and the digest of the settings of each one's row."""
     config: ComparisonConfig = field(default_factory=ComparisonConfig)
     version: str = ""
     """Of the program."""
@@ -76,46 +76,62 @@ class _Seen:
 def measure(job: Job, config: ComparisonConfig, version: str = "") -> Iterator[ObjectRow]:
     """The rows of a job, as they are done; whatever goes wrong with an object is its row's failure."""
     case, views = job.case, job.views
-    blank = ObjectRow("", job.dataset, case.id, case.category, case.shape, views, "", [], version=version)
-    rows = {name: replace(blank, method=name, settings=digest) for name, digest in job.todo.items()}
+    blank = ObjectRow(
+        "", job.dataset, case.id, case.category, case.shape, views, "", [], seed=config.seed, version=version,
+        difficulty=case.difficulty, shapes=case.shapes,
+    )  # fmt: skip
+    rows = {}
+    for name, digest in job.todo.items():
+        chosen, start = method_and_start(name)
+        rows[name] = replace(blank, method=chosen, start=start, settings=digest)
     try:
         scan = case.scan()
         frames = {i: scan.frames[i] for i in case.views(views)}
         truth = scan.ground_truth[case.instance.id]
         seen = _Seen(scan, scene_floor(scan), frames, truth, find_prior(case.category, config.priors))
         rows = {name: _with_truth(row, seen) for name, row in rows.items()}
-        yield from _from_one_start(case, seen, rows, config)
+        yield from _from_starts(case, seen, rows, config)
     except Exception as error:  # no object may stop the others
         log.debug("%s", case.id, exc_info=True)
         yield from (replace(row, failure=failure_of(error)) for row in rows.values())
 
 
-def _from_one_start(
+def _from_starts(
     case: Case, seen: _Seen, rows: Mapping[str, ObjectRow], config: ComparisonConfig
 ) -> Iterator[ObjectRow]:
-    """A row for every method; all start at the best state that the initialisation finds."""
+    """A row for every contender, from the best state that the initialisation finds or from its own."""
 
     @cache
     def views_of(sampling: SamplingConfig) -> list[ObjectView]:
         return _observe(case, seen.frames, sampling, config.seed)
 
-    views = views_of(config.sampling)
-    begun = time.perf_counter()
-    start = _start(seen, views, config)
-    seconds = time.perf_counter() - begun
-    for name, row in rows.items():
-        begun_row = replace(
-            row,
-            seconds_initialise=seconds,
-            start_T_world_object=plain(start.T_world_object.matrix()),
-            start_scale=plain(start.scale),
-        )
+    @cache
+    def start_of(kind: StartKind) -> Start:
+        views = views_of(config.sampling)
+        return find_start(kind, seen.prior, views, seen.scan.up_world, seen.floor, config)
+
+    done: dict[tuple[str, StartKind], ObjectRow] = {}
+    for row in rows.values():
+        chosen = method(row.method)
+        kind: StartKind = "best" if row.start == SHARED else chosen.start
+        if (row.method, kind) in done:
+            # its own start is the shared one
+            yield replace(done[row.method, kind], start=row.start, settings=row.settings)
+            continue
         try:
-            sampled = views_of(method(name).sampling)
-            yield _estimated(begun_row, case, seen, start, sampled, config)
+            start = start_of(kind)
+            row = replace(
+                row,
+                start_seconds=start.seconds,
+                start_T_world_object=plain(start.state.T_world_object.matrix()),
+                start_scale=plain(start.state.scale),
+            )
+            row = _estimated(row, case, seen, start.state, views_of(chosen.sampling), config)
         except Exception as error:  # nor may a method stop the others
-            log.debug("%s: %s", case.id, name, exc_info=True)
-            yield replace(begun_row, failure=failure_of(error))
+            log.debug("%s: %s", case.id, row.contender, exc_info=True)
+            row = replace(row, failure=failure_of(error))
+        done[row.method, kind] = row
+        yield row
 
 
 def _observe(
@@ -133,12 +149,6 @@ def _observe(
     for reason in reasons:
         log.info("%s: a view is left out: %s", case.id, reason)
     return views
-
-
-def _start(seen: _Seen, views: Sequence[ObjectView], config: ComparisonConfig) -> ObjectState:
-    up, settings = seen.scan.up_world, config.initialisation
-    states = guesses(seen.prior, views, up, seen.floor, settings)
-    return rank(seen.prior, views, states, ObjectBuilder(config.graph, up, seen.floor), settings)[0][0]
 
 
 def _estimated(
@@ -189,6 +199,7 @@ def _uncertainty(
     off = box_error(box, seen.truth)
     return {
         "pearson": errors.pearson,
+        "pearson_binned": errors.pearson_binned,
         "spearman": errors.spearman,
         "surface_error": plain(kept.error.round(6)),
         "surface_sigma": plain(kept.sigma.round(6)),
@@ -203,10 +214,29 @@ def _with_truth(row: ObjectRow, seen: _Seen) -> ObjectRow:
     return replace(
         row,
         frames=list(seen.frames),
+        prior=str(seen.prior.card.get("sha256", "unknown")),
         truth_T_world_object=plain(seen.truth.T_world_object),
         truth_scale=plain(seen.truth.scale),
         truth_symmetry=seen.truth.symmetry,
+        **_conditions(seen),
     )
+
+
+def _conditions(seen: _Seen) -> dict[str, Any]:
+    """What of the scan is known to be wrong, over the frames that are viewed."""
+    known = dict(seen.scan.conditions)
+    if not known:
+        return {}
+    used = list(seen.frames)
+    of_views = {name: np.array(known[name])[used] for name in MEASURED}
+    # what is in the mask or in the object, of which precision and recall are shares
+    union = 1 / of_views["mask_precision"].clip(1e-6) + 1 / of_views["mask_recall"].clip(1e-6) - 1
+    return {
+        "visible": float(known["visible"][max(used)]),
+        "mask_iou": float((1 / union).mean()),
+        **{name: float(of_views[name].mean()) for name in ("camera_error_m", "camera_error_deg")},
+        "conditions": known,
+    }
 
 
 def _description(estimate: Estimate) -> dict[str, object]:

@@ -5,15 +5,17 @@ Ours w/ Det2D, Ours w/ Samp2D, DSP-SLAM* and Node-SLAM*).
 """
 
 import logging
+import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 from factors.gaussian_depth import Deterministic, Sampled
 from objgraph.errors import EvaluationError, ObjectGraphError, SolveError
 from objgraph.estimate import AdamConfig, AdamEstimator, GaussNewtonEstimator
 from objgraph.estimate.graph import GraphEstimator
-from objgraph.estimate.task import Estimate, EstimationTask, Estimator
+from objgraph.estimate.task import Estimate, EstimationTask, Estimator, unusable
 from objgraph.graph.builder import GraphConfig
 from objgraph.observation.sampling import SamplingConfig
 
@@ -23,6 +25,21 @@ _DENSE = SamplingConfig(points=1000, hits=500, free=500)
 """As many of one view as an iteration of the paper's estimator takes; of several views it draws among them."""
 
 
+StartKind = Literal["best", "icp", "icp-7dof"]
+"""The best of our initialisation; the prior's mean shape by ICP, at its category's mean size, or of one scale from the points."""
+
+
+@dataclass(frozen=True)
+class StandStill:
+    """Estimates the start itself."""
+
+    def estimate(
+        self, tasks: Sequence[EstimationTask], progress: Callable[[int, int], None] | None = None
+    ) -> list[Estimate | SolveError]:
+        """See `Estimator`."""
+        return [unusable(task) or Estimate(task.starts[0], None, math.nan, math.nan, 0, 0) for task in tasks]
+
+
 @dataclass(frozen=True)
 class Method:
     """How one method estimates an object."""
@@ -30,20 +47,28 @@ class Method:
     estimator: Callable[[], Estimator]
     sampling: SamplingConfig
     """Of every view; which frames are viewed is the same for all methods."""
+    start: StartKind = "icp"
+    """Where it begins by itself."""
 
 
 METHODS: dict[str, Method] = {
-    "graph": Method(GraphEstimator, SamplingConfig()),
-    "graph-prob2d": Method(lambda: GraphEstimator(GraphConfig(renderer="probabilistic")), SamplingConfig()),
-    "graph-samp2d": Method(lambda: GraphEstimator(GraphConfig(renderer="sampled")), SamplingConfig()),
-    "graph-det2d": Method(lambda: GraphEstimator(GraphConfig(renderer="deterministic")), SamplingConfig()),
+    "start": Method(StandStill, SamplingConfig()),
+    "start-7dof": Method(StandStill, SamplingConfig(), "icp-7dof"),
+    "graph": Method(GraphEstimator, SamplingConfig(), "best"),
+    "graph-prob2d": Method(
+        lambda: GraphEstimator(GraphConfig(renderer="probabilistic")), SamplingConfig(), "best"
+    ),
+    "graph-samp2d": Method(lambda: GraphEstimator(GraphConfig(renderer="sampled")), SamplingConfig(), "best"),
+    "graph-det2d": Method(
+        lambda: GraphEstimator(GraphConfig(renderer="deterministic")), SamplingConfig(), "best"
+    ),
     "ours": Method(AdamEstimator, _DENSE),
     "ours-det2d": Method(lambda: AdamEstimator(renderer=Deterministic()), _DENSE),
     "ours-samp2d": Method(lambda: AdamEstimator(renderer=Sampled()), _DENSE),
     "dsp-slam": Method(
         lambda: AdamEstimator(AdamConfig(uncertainty=False), renderer=Deterministic()), _DENSE
     ),
-    "dsp-slam-gn": Method(GaussNewtonEstimator, _DENSE),
+    "dsp-slam-gn": Method(GaussNewtonEstimator, _DENSE, "icp-7dof"),
     "node-slam": Method(
         lambda: AdamEstimator(AdamConfig(uncertainty=False, surface_weight=0.0), renderer=Sampled()), _DENSE
     ),

@@ -4,11 +4,26 @@ import csv
 import io
 from collections.abc import Iterable
 from dataclasses import dataclass, fields
+from typing import Any
 
 Numbers = list[float] | None
 Matrix = list[list[float]] | None
 Key = tuple[str, str, int]
-"""Method, case, views."""
+"""Contender, case, views."""
+Conditions = dict[str, Any] | None
+SHARED, OWN = STARTS = ("shared", "own")
+_AT = "@"
+
+
+def contender(method: str, start: str) -> str:
+    """A method with its start in one word; that of the shared one is the method's name."""
+    return method if start == SHARED else f"{method}{_AT}{start}"
+
+
+def method_and_start(contender: str) -> tuple[str, str]:
+    """The reverse of `contender`."""
+    method, _, start = contender.partition(_AT)
+    return method, start or SHARED
 
 
 @dataclass(frozen=True)
@@ -27,6 +42,25 @@ class ObjectRow:
     """Digest of all settings and weights that this row depends on."""
     frames: list[int]
     """Indices of the frames that were observed."""
+    start: str = SHARED
+    """Where it began: `shared`, at the best of our initialisation, or `own`."""
+    seed: int = 0
+    """Of everything that was sampled."""
+    prior: str = ""
+    """Digest of the prior's weights."""
+    difficulty: str = ""
+    """Of a synthetic scan."""
+    shapes: str = ""
+    """The set of shapes that it is of."""
+    visible: float | None = None
+    """Share of the object's outer surface that the views together see."""
+    camera_error_m: float | None = None
+    """Mean of the views'."""
+    camera_error_deg: float | None = None
+    mask_iou: float | None = None
+    """Mean of the views'."""
+    conditions: Conditions = None
+    """What is wrong with the scan: strengths as drawn, and what came of them in each view."""
     failure: str | None = None
     """Why there is no estimate, or none that can be measured; it counts as wrong by every criterion."""
     pose_correct: bool = False
@@ -43,13 +77,15 @@ class ObjectRow:
     chamfer_m: float | None = None
     pearson: float | None = None
     """Of |SDF| and its standard deviation over points of the true surface."""
+    pearson_binned: float | None = None
+    """Of the standard deviation and the mean |SDF| in each of 100 bins of it."""
     spearman: float | None = None
     seconds: float | None = None
     """Of the estimation alone, by the clock."""
     seconds_cpu: float | None = None
     """The same in this process's processor time, which other processes do not lengthen."""
-    seconds_initialise: float | None = None
-    """Of what all methods start from."""
+    start_seconds: float | None = None
+    """Of finding its start, in processor time."""
     cost_initial: float | None = None
     cost_final: float | None = None
     linearizations: int | None = None
@@ -57,7 +93,7 @@ class ObjectRow:
     version: str = ""
     """Of the program that made the row."""
     start_T_world_object: Matrix = None
-    """Where all methods began."""
+    """Where it began."""
     start_scale: Numbers = None
     T_world_object: Matrix = None
     scale: Numbers = None
@@ -85,12 +121,17 @@ class ObjectRow:
 
     @property
     def key(self) -> Key:
-        return (self.method, self.case, self.views)
+        return (self.contender, self.case, self.views)
+
+    @property
+    def contender(self) -> str:
+        """The method with its start."""
+        return contender(self.method, self.start)
 
     @property
     def group(self) -> tuple[str, str]:
         """Rows of equal ones have the same settings."""
-        return (self.method, self.category)
+        return (self.contender, self.category)
 
     @property
     def what(self) -> str:
@@ -99,7 +140,9 @@ class ObjectRow:
 
 
 _LONG = frozenset(
-    field.name for field in fields(ObjectRow) if field.type in (Numbers, Matrix) or field.name == "frames"
+    field.name
+    for field in fields(ObjectRow)
+    if field.type in (Numbers, Matrix, Conditions) or field.name == "frames"
 )
 
 

@@ -36,6 +36,14 @@ class ScanCase:
         return f"{self.scene}/{self.instance.id}"
 
     @property
+    def difficulty(self) -> str:
+        return ""
+
+    @property
+    def shapes(self) -> str:
+        return ""
+
+    @property
     def category(self) -> str:
         return self.instance.category
 

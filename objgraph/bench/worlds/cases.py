@@ -114,7 +114,15 @@ class Case:
         dark = dark_places(world.truth, self.faults.holes, world.noise)
         photographs = [
             photograph(
-                world.renderer, pose, world.floor, dark, self.instance.id, self.faults, self.sensor, str(k), rng
+                world.renderer,
+                pose,
+                world.floor,
+                dark,
+                self.instance.id,
+                self.faults,
+                self.sensor,
+                str(k),
+                rng,
             )
             for k, (pose, rng) in enumerate(zip(cameras, noise, strict=True))
         ]
@@ -132,7 +140,11 @@ class Case:
         piece = self._piece(shape)
         # where the floor lies is for the estimator to find
         floor = float(shape.uniform(-1, 1))
-        drawn = draw_scene(piece, scene) if self.faults is None else draw_difficult_scene(piece, self.faults, scene)
+        drawn = (
+            draw_scene(piece, scene)
+            if self.faults is None
+            else draw_difficult_scene(piece, self.faults, scene)
+        )
         target, room = drawn.room.target, drawn.room
         truth = GroundTruth(
             _raised(target.T_world_object, floor), target.scale, piece.mesh.vertices.view(np.ndarray).copy(),

@@ -49,8 +49,8 @@ def things_on(target: PlacedFurniture, count: int, rng: Generator) -> list[trime
     """At most so many boxes and balls on the target's level surfaces."""
     mesh = _mesh(target)
     scene = _scene([(mesh.vertices, mesh.faces)])
-    points, faces = trimesh.sample.sample_surface(mesh, 400, seed=int(rng.integers(1 << 31)))
-    points = np.asarray(points)[np.asarray(mesh.face_normals)[faces][:, 2] > _LEVEL]
+    sampled = trimesh.sample.sample_surface(mesh, 400, seed=int(rng.integers(1 << 31)))
+    points = np.asarray(sampled[0])[np.asarray(mesh.face_normals)[sampled[1]][:, 2] > _LEVEL]
     up = np.tile([0.0, 0.0, 1.0], (len(points), 1))
     if len(points):
         rays = np.concatenate([points + 1e-3 * up, up], axis=1).astype(np.float32)

@@ -123,14 +123,19 @@ def _walk(
         for _ in range(_TRIES):
             if faults.walk:
                 sideways = side * k * faults.walk_m
-                eye = [level * np.cos(bearing) - sideways * np.sin(bearing), level * np.sin(bearing) + sideways * np.cos(bearing)]
+                eye = [
+                    level * np.cos(bearing) - sideways * np.sin(bearing),
+                    level * np.sin(bearing) + sideways * np.cos(bearing),
+                ]
             else:
                 angle = bearing + side * k * np.radians(faults.apart_deg)
                 eye = [level * np.cos(angle), level * np.sin(angle)]
             at = np.array([*(middle[:2] + eye), height]) + rng.normal(0, 0.03, 3)
             if not can_hold(room, at[:2]):
                 return None
-            pose = with_roll(look_at(at, aim + rng.normal(0, 0.05, 3), np.array([0.0, 0.0, 1.0])), rng.normal(0, 0.03))
+            pose = with_roll(
+                look_at(at, aim + rng.normal(0, 0.05, 3), np.array([0.0, 0.0, 1.0])), rng.normal(0, 0.03)
+            )
             if view.measure(pose)[0] >= MIN_PIXELS:
                 poses.append(pose)
                 break

@@ -31,7 +31,7 @@ def faulty_masks(
     else:
         beside = ndimage.binary_dilation(masks == target, iterations=max(1, round(pixels(40, width))))
         masks[_grown(masks == target, beside, faults.mask_part, rng)] = target
-    radius = int(round(pixels(faults.mask_thin_px, width) / 2))
+    radius = round(pixels(faults.mask_thin_px, width) / 2)
     if radius > 0:
         kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * radius + 1, 2 * radius + 1))
         for number in np.unique(masks[masks > 0]):
@@ -92,7 +92,7 @@ def _grown(
     mask: Bool[np.ndarray, "h w"], beside: Bool[np.ndarray, "h w"], share: float, rng: Generator
 ) -> Bool[np.ndarray, "h w"]:
     """As many pixels beside the mask, next to a place on its border."""
-    rim = np.argwhere(mask & ~ndimage.binary_erosion(mask))
+    rim = np.argwhere(mask & ~np.asarray(ndimage.binary_erosion(mask), dtype=bool))
     v, u = np.nonzero(beside & ~mask)
     part = np.zeros_like(mask)
     count = min(int(share * mask.sum()), len(v))

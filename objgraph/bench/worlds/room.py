@@ -49,7 +49,11 @@ def draw_room(piece: Furniture, bearing: float, rng: Generator, faults: Faults |
     occupied, clutter, props = [target.footprint], [], []
     if faults is not None:
         if faults.pushed or faults.merged:
-            clutter.append(pushed_against(target, _any_piece(rng, "table" if piece.category == "chair" else "chair"), rng))
+            clutter.append(
+                pushed_against(
+                    target, _any_piece(rng, "table" if piece.category == "chair" else "chair"), rng
+                )
+            )
             occupied.append(clutter[0].footprint)
         props += things_on(target, round(faults.things_on), rng)
     for _ in range(int(rng.integers(2, 6))):

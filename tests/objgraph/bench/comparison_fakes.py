@@ -11,7 +11,7 @@ import numpy as np
 
 from factors.state import ObjectState
 from objgraph.bench.comparison import config as comparison_config
-from objgraph.bench.comparison import measure
+from objgraph.bench.comparison import measure, starts
 from objgraph.bench.comparison.config import ComparisonConfig
 from objgraph.bench.comparison.methods import METHODS, Method
 from objgraph.bench.comparison.rows import ObjectRow
@@ -42,6 +42,14 @@ class FakeCase:
     index: int
     category: str = "chair"
     fault: str = ""
+
+    @property
+    def difficulty(self) -> str:
+        return ""
+
+    @property
+    def shapes(self) -> str:
+        return "toys"
 
     @property
     def id(self) -> str:
@@ -157,8 +165,8 @@ def install(patch: Any = None) -> None:
     put = setattr if patch is None else patch.setattr
     for module in (measure, comparison_config):
         put(module, "find_prior", lambda category, files: toy_prior())
-    put(measure, "guesses", _guesses)
-    put(measure, "rank", _rank)
+    put(starts, "guesses", _guesses)
+    put(starts, "rank", _rank)
     for name, method in FAKES.items():
         METHODS[name] = method if patch is None else METHODS.get(name, method)
         if patch is not None:
