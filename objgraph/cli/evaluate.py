@@ -19,10 +19,14 @@ from objgraph.bench.comparison.config import ComparisonConfig
 from objgraph.bench.comparison.methods import METHODS, method
 from objgraph.bench.comparison.object_report import calibration_report, object_report
 from objgraph.bench.comparison.report import Report
+from objgraph.bench.comparison.rows import SHARED, STARTS, contender
 from objgraph.bench.comparison.scan_cases import ScanSource, read_split
 from objgraph.bench.worlds.cases import BenchmarkConfig
+from objgraph.bench.worlds.faults import Difficulty, FaultRanges, faults_from
+from objgraph.bench.worlds.meshes import ShapeSet
 from objgraph.bench.worlds.viewpoints import VIEWS
 from objgraph.cli.progress import Progress, progress
+from objgraph.datasets.files import read_json
 from objgraph.datasets.registry import datasets
 from objgraph.errors import EvaluationError
 from objgraph.version import program_version
@@ -53,8 +57,17 @@ class EvaluateCommand:
     """Synthetic objects a category: 6, 24 or 100."""
     objects: int | None = None
     """Any other number of them."""
+    start: List = (SHARED,)
+    """Where methods begin: `shared`, all at the best of our initialisation, `own`, or both."""
+    difficulty: Difficulty = "clean"
+    """What is wrong with synthetic scans: next to nothing, what a careful user gets, or what ScanNet is like."""
+    faults: Path | None = None
+    """JSON file of faults' strengths that differ from the difficulty's (docs/evaluation.md lists them)."""
+    shapes: ShapeSet | None = None
+    """Synthetic shapes: the project's `families`; of `meshes` what people made (`cad`) or a generator (`everyday`). By
+    default what of these is there."""
     spacing: Literal["wide", "close"] = "wide"
-    """How far apart the views of a synthetic object are."""
+    """How far apart the views of a clean synthetic object are."""
     meshes: Path | None = None
     """Folder of your own meshes, in subfolders by category, in place of the synthetic shapes."""
     root: Path | None = None
@@ -146,6 +159,10 @@ def _methods(command: EvaluateCommand) -> tuple[str, ...]:
 def _comparison(command: EvaluateCommand) -> Comparison:
     methods = _methods(command)
     config = ComparisonConfig(seed=command.seed, priors=tuple(command.priors))
+    starts = _items(command.start, "--start")
+    if wrong := [start for start in starts if start not in STARTS]:
+        raise EvaluationError(f"--start takes {', '.join(STARTS)} or both; not '{wrong[0]}'")
+    methods = tuple(contender(name, start) for start in starts for name in methods)
     return Comparison(_source(command), methods, _views(command), command.folder, config)
 
 
@@ -184,9 +201,18 @@ def _synthetic(command: EvaluateCommand, categories: tuple[str, ...]) -> Synthet
             objects=command.objects,
             categories=categories,
             spacing=command.spacing,
+            difficulty=command.difficulty,
+            faults=_faults(command),
+            shapes=command.shapes or ("families" if command.meshes is None else "cad"),
             meshes=command.meshes,
         )
     )
+
+
+def _faults(command: EvaluateCommand) -> FaultRanges | None:
+    if command.faults is None:
+        return None
+    return faults_from(read_json(command.faults), command.difficulty)
 
 
 def _views(command: EvaluateCommand) -> tuple[int, ...]:

@@ -54,7 +54,7 @@ def calibration(rows: Sequence[ObjectRow], methods: Sequence[str], seed: int = 0
         chosen = [
             row
             for row in rows
-            if (row.method, row.views) == (name, count) and category in (ALL, row.category)
+            if (row.key[0], row.views) == (name, count) and category in (ALL, row.category)
         ]
         if any(row.box_covariance is not None for row in chosen):
             entries.append(_entry(name, count, category, chosen, seed))
@@ -81,7 +81,9 @@ def _entry(name: str, views: int, category: str, rows: Sequence[ObjectRow], seed
     for figure, values in _surfaces(rows).items():
         figures[figure] = draws.mean(values, ~np.isnan(values))
     return {
-        "method": name,
+        "contender": name,
+        "method": rows[0].method,
+        "start": rows[0].start,
         "views": views,
         "category": category,
         "n": len(rows),

@@ -49,6 +49,8 @@ class Method:
     """Of every view; which frames are viewed is the same for all methods."""
     start: StartKind = "icp"
     """Where it begins by itself."""
+    given: tuple[str, ...] = ()
+    """What it is told beside views, prior and start."""
 
 
 METHODS: dict[str, Method] = {

@@ -8,7 +8,7 @@ from objgraph.bench.comparison.cases import SYNTHETIC
 from objgraph.bench.comparison.compare import ROWS, Comparison, starts_apart
 from objgraph.bench.comparison.config import prior_hash, row_settings
 from objgraph.bench.comparison.measure import WELL_RECONSTRUCTED
-from objgraph.bench.comparison.plots import error_plot, reliability_plot, uncertainty_plot
+from objgraph.bench.comparison.plots import error_plot, faults_plot, reliability_plot, uncertainty_plot
 from objgraph.bench.comparison.report import Report
 from objgraph.bench.comparison.rows import ObjectRow
 from objgraph.bench.comparison.summary import WORST, paired, summarize
@@ -18,7 +18,7 @@ from objgraph.errors import EvaluationError
 MEASURED = (
     "metres, degrees, seconds; rates: shares of all objects, failures among them; medians: a failure is infinite, null "
     "where that comes out; pearson: of |SDF| and its standard deviation sqrt(J S J^T) over points of the true surface, "
-    "mean over well-reconstructed objects (n_well); seconds: median of the estimation alone, seconds_cpu in processor time; *_interval: percentile "
+    "mean over well-reconstructed objects (n_well), pearson_binned: of the standard deviation and the mean |SDF| in 100 bins of it; seconds: median of the estimation alone, seconds_cpu in processor time, start_seconds of finding its start; *_interval: percentile "
     "bootstrap over distinct shapes, an infinite end null; paired: error of a less error of b on the same objects; "
     "starts_apart: objects and views on which the methods did not begin at the same state, which should be none"
 )
@@ -37,6 +37,7 @@ def object_report(comparison: Comparison, rows: Sequence[ObjectRow]) -> Report:
         {
             "error_against_views.png": lambda path: error_plot(entries, methods, data, path),
             "error_against_uncertainty.png": lambda path: uncertainty_plot(chosen, methods, words, path),
+            "pose_over_faults.png": lambda path: faults_plot(chosen, methods, words, path),
         },
     )  # fmt: skip
 
@@ -60,7 +61,10 @@ def calibration_report(comparison: Comparison, rows: Sequence[ObjectRow]) -> Rep
 
 def _data(comparison: Comparison) -> str:
     dataset = comparison.source.dataset
-    return f"{dataset}, seed {comparison.config.seed}" if dataset == SYNTHETIC else dataset
+    if dataset != SYNTHETIC:
+        return dataset
+    settings = comparison.source.settings()
+    return f"{dataset}, {settings['difficulty']}, {settings['shapes']}, seed {comparison.config.seed}"
 
 
 def _details(comparison: Comparison, rows: Sequence[ObjectRow]) -> dict[str, Any]:

@@ -8,7 +8,7 @@ from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullLocator
-from scipy.stats import chi2
+from scipy.stats import binomtest, chi2
 
 from objgraph.bench.comparison.calibration import DOF, squared_errors
 from objgraph.bench.comparison.report import Entry
@@ -22,6 +22,12 @@ _ERRORS = (
     ("median_translation_m", 100.0, "translation error (cm)"),
     ("median_rotation_deg", 1.0, "rotation error (deg)"),
 )
+_FAULTS = (
+    ("visible", 100.0, "surface seen by all views (%)"),
+    ("camera_error_m", 100.0, "error of camera positions (cm)"),
+    ("mask_iou", 100.0, "IoU of masks with what is seen (%)"),
+)
+_PARTS = 4
 _BINS = 10
 _FEWEST = 20
 """Points in a bin below which it is not drawn."""
@@ -38,7 +44,7 @@ def error_plot(entries: Sequence[Entry], methods: Sequence[str], data: str, path
             axis = axes[row, column]
             for i, method in enumerate(methods):
                 chosen = {
-                    e["views"]: e for e in entries if (e["method"], e["category"]) == (method, category)
+                    e["views"]: e for e in entries if (e["contender"], e["category"]) == (method, category)
                 }
                 shift = 0.06 * (i - (len(methods) - 1) / 2)
                 _line(axis, [chosen.get(v) for v in views], np.array(views) + shift, name, factor, i, method)
@@ -69,7 +75,7 @@ def uncertainty_plot(rows: Sequence[ObjectRow], methods: Sequence[str], data: st
     axes = figure.subplots(1, len(categories), squeeze=False, sharex=True, sharey=True)[0]
     for axis, category in zip(axes, categories, strict=True):
         for i, method in enumerate(methods):
-            chosen = [row for row in rows if (row.method, row.category) == (method, category)]
+            chosen = [row for row in rows if (row.contender, row.category) == (method, category)]
             if chosen:
                 sigma, error = binned(*_points(chosen))
                 label = f"{method}, n = {len(chosen)}"
@@ -148,6 +154,51 @@ def _marker(index: int) -> str:
     return _MARKERS[index % len(_MARKERS)]
 
 
+def faults_plot(rows: Sequence[ObjectRow], methods: Sequence[str], data: str, path: Path) -> bool:
+    """Share of correct poses over what is wrong with a scan, in four parts of equally many objects: a panel a fault.
+
+    Bars are 95 % Wilson intervals. False, and no picture, where nothing is known to be wrong.
+    """
+    rows = [row for row in rows if row.conditions]
+    if not rows:
+        return False
+    figure = Figure(figsize=(1.2 + 3.9 * len(_FAULTS), 4.6), dpi=110, layout="constrained")
+    axes = figure.subplots(1, len(_FAULTS), squeeze=False, sharey=True)[0]
+    for axis, (name, factor, label) in zip(axes, _FAULTS, strict=True):
+        for i, method in enumerate(methods):
+            chosen = [row for row in rows if row.contender == method]
+            strength = factor * np.array([getattr(row, name) for row in chosen], float)
+            correct = np.array([row.pose_correct for row in chosen])
+            parts = np.array_split(np.argsort(strength, kind="stable"), min(_PARTS, len(chosen)) or 1)
+            x, rate = (np.array([values[part].mean() for part in parts]) for values in (strength, correct))
+            low, high = np.array(
+                [proportion_interval(int(correct[part].sum()), len(part)) for part in parts]
+            ).T
+            axis.errorbar(
+                x,
+                rate,
+                yerr=(rate - low, high - rate),
+                marker=_marker(i),
+                color=_color(i),
+                capsize=3,
+                label=method,
+            )
+        axis.set_xlabel(label)
+        axis.set_ylim(0, 1)
+        axis.grid(alpha=0.3)
+    axes[0].set_ylabel("correct 9-DoF poses")
+    _legend(figure, axes[0], 2 * len(_FAULTS))
+    figure.suptitle(f"Correct poses over what is wrong with the scan ({data})", fontsize=11)
+    finish(figure, None, None, path)
+    return True
+
+
+def proportion_interval(count: int, total: int) -> tuple[float, float]:
+    """Wilson's 95 % interval of a share."""
+    found = binomtest(count, total).proportion_ci(0.95, "wilson")
+    return float(found.low), float(found.high)
+
+
 def reliability_plot(rows: Sequence[ObjectRow], methods: Sequence[str], data: str, path: Path) -> bool:
     """Share of true boxes within each ellipsoid against its probability, of right modes: a panel a number of views.
 
@@ -161,7 +212,7 @@ def reliability_plot(rows: Sequence[ObjectRow], methods: Sequence[str], data: st
     for axis, count in zip(axes, views, strict=True):
         axis.plot([0, 1], [0, 1], color="0.6", linestyle=":", linewidth=1)
         for i, method in enumerate(methods):
-            chosen = [row for row in rows if (row.method, row.views) == (method, count)]
+            chosen = [row for row in rows if (row.contender, row.views) == (method, count)]
             squared = squared_errors(chosen)
             if not len(squared):
                 continue

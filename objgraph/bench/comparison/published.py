@@ -1,5 +1,7 @@
 """The paper's own figures: table_quantitative_scanet and table_uncertainty on ScanNet, fig_quantitative_kitti on KITTI."""
 
+from objgraph.bench.comparison.rows import method_and_start
+
 LABELS = {
     "node-slam": "Node-SLAM*",
     "dsp-slam": "DSP-SLAM*",
@@ -12,7 +14,8 @@ LABELS = {
 
 def label(name: str) -> str:
     """A method by its name, and the paper's for it."""
-    return f"{name} ({LABELS[name]})" if name in LABELS else name
+    method = method_and_start(name)[0]
+    return f"{name} ({LABELS[method]})" if method in LABELS else name
 
 
 WHERE = "published, on ScanNet"

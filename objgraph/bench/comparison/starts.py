@@ -103,7 +103,7 @@ def mean_shape_by_icp(
             o3d.utility.Vector3dVector(transformed_back(T_world_object, points))
         )
         off = np.minimum(np.asarray(p_object.compute_point_cloud_distance(model)), _CUT_M).mean()
-        pose = gtsam.Pose3(gtsam.Rot3(T_world_object[:3, :3]).normalized(), T_world_object[:3, 3])
+        pose = gtsam.Pose3(gtsam.Rot3.ClosestTo(T_world_object[:3, :3]), T_world_object[:3, 3])
         found.append(
             (float(off), ObjectState(pose, np.full(3, np.log(size)), np.array(prior.code_mean, float)))
         )

@@ -21,7 +21,7 @@ Group = tuple[str, int]
 
 
 def summarize(rows: Sequence[ObjectRow], methods: Sequence[str], seed: int = 0) -> list[dict[str, Any]]:
-    """One entry a method, category and number of views; every figure has its interval beside it.
+    """One entry a contender, category and number of views; every figure has its interval beside it.
 
     Medians count a failure as infinite; where that is what comes out, it is None, as is the end of an interval.
     """
@@ -52,8 +52,8 @@ def groups(rows: Sequence[ObjectRow]) -> list[Group]:
 
 
 def select(rows: Sequence[ObjectRow], name: str, group: Group) -> list[ObjectRow]:
-    """The rows of one method, category and number of views."""
-    return [row for row in rows if (row.method, row.category, row.views) == (name, *group)]
+    """The rows of one contender, category and number of views."""
+    return [row for row in rows if row.key[0] == name and (row.category, row.views) == group]
 
 
 def _by_views(rows: Sequence[ObjectRow]) -> list[ObjectRow]:
@@ -64,13 +64,16 @@ def _by_views(rows: Sequence[ObjectRow]) -> list[ObjectRow]:
 def _entry(name: str, group: Group, rows: Sequence[ObjectRow], seed: int) -> dict[str, Any]:
     draws = Resamples([row.shape for row in rows], seed)
     known = np.array([row.well_reconstructed and row.pearson is not None for row in rows])
+    binned = known & np.array([row.pearson_binned is not None for row in rows])
     timed = np.array([row.failure is None and row.seconds is not None for row in rows])
+    begun = np.array([row.start_seconds is not None for row in rows])
     metres = np.array([_in_metres(row) for row in rows])
     figures = {
         "pose_rate": draws.mean(_values(rows, lambda row: row.pose_correct)),
         "iou_rate": draws.mean(_values(rows, lambda row: row.iou_correct)),
         "chamfer_rate": draws.mean(_values(rows, lambda row: row.chamfer_correct)),
         "pearson": draws.mean(_values(rows, lambda row: row.pearson), known),
+        "pearson_binned": draws.mean(_values(rows, lambda row: row.pearson_binned), binned),
         "pearson_metres": draws.mean(metres[:, 0], known & ~np.isnan(metres[:, 0])),
         "pearson_metres_gaussian": draws.mean(metres[:, 1], known & ~np.isnan(metres[:, 1])),
         "median_translation_m": draws.median(_values(rows, lambda row: row.translation_m)),
@@ -78,9 +81,14 @@ def _entry(name: str, group: Group, rows: Sequence[ObjectRow], seed: int) -> dic
         "median_chamfer_m": draws.median(_values(rows, lambda row: row.chamfer_m)),
         "seconds": draws.median(_values(rows, lambda row: row.seconds), timed),
         "seconds_cpu": draws.median(_values(rows, lambda row: row.seconds_cpu), timed),
+        "start_seconds": draws.median(_values(rows, lambda row: row.start_seconds), begun),
     }
     return {
-        "method": name,
+        "contender": name,
+        "method": rows[0].method,
+        "start": rows[0].start,
+        "difficulty": rows[0].difficulty,
+        "shapes": rows[0].shapes,
         "category": group[0],
         "views": group[1],
         "n": len(rows),

@@ -1,7 +1,7 @@
 """What is wrong with a scan, by difficulty: each fault's strength is drawn for every object, so that a set has easy and hard ones."""
 
-from dataclasses import dataclass, fields
-from typing import Literal, get_args
+from dataclasses import asdict, dataclass, fields
+from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.random import Generator
@@ -117,6 +117,29 @@ def ranges_of(difficulty: str) -> FaultRanges | None:
     if difficulty not in known:
         raise DatasetError(f"no difficulty '{difficulty}'; there are {', '.join(get_args(Difficulty))}")
     return known[difficulty]
+
+
+def faults_from(values: Any, difficulty: str) -> FaultRanges:
+    """The difficulty's ranges with those of a JSON object in their place: pairs of numbers, or shares.
+
+    Raises `DatasetError` where it is none, names an unknown fault, or the difficulty has no faults.
+    """
+    ranges = ranges_of(difficulty)
+    if ranges is None:
+        raise DatasetError("clean scans have no faults: choose another difficulty")
+    known = asdict(ranges)
+    if not isinstance(values, dict) or (wrong := sorted(set(values) - set(known))):
+        named = f"'{wrong[0]}' is none" if isinstance(values, dict) else "a JSON object is expected"
+        raise DatasetError(f"no faults: {named}; they are {', '.join(known)}")
+    for name, value in values.items():
+        pair = isinstance(known[name], tuple)
+        numbers: list[Any] = value if pair and isinstance(value, list) else [value]
+        if len(numbers) != 1 + pair or not all(type(x) in (int, float) and abs(x) < 100 for x in numbers):
+            raise DatasetError(
+                f"{name}: {'two numbers are' if pair else 'a share is'} expected, not {value!r}"
+            )
+        known[name] = tuple(numbers) if pair else numbers[0]
+    return FaultRanges(**known)
 
 
 def pixels(strength: float, width: int) -> float:
