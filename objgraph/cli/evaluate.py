@@ -21,6 +21,7 @@ from objgraph.bench.comparison.object_report import calibration_report, object_r
 from objgraph.bench.comparison.report import Report
 from objgraph.bench.comparison.rows import SHARED, STARTS, contender
 from objgraph.bench.comparison.scan_cases import ScanSource, read_split
+from objgraph.bench.comparison.stability import compare_again
 from objgraph.bench.worlds.cases import BenchmarkConfig
 from objgraph.bench.worlds.faults import Difficulty, FaultRanges, faults_from
 from objgraph.bench.worlds.meshes import ShapeSet
@@ -86,6 +87,8 @@ class EvaluateCommand:
     """Processes, of one thread each."""
     calibration: bool = False
     """Report how far covariances hold in place of how far estimates are right."""
+    stability: bool = False
+    """Estimate every object six times more, by other draws of points and with two threads, and report how far they differ."""
     retry_failed: bool = False
     """Run what failed before once more."""
     least_points: int = 50
@@ -115,7 +118,12 @@ def _objects(command: EvaluateCommand, console: Console) -> Report:
     _check_writable(command.json)
     with _running(command.folder / ROWS, console) as tell:
         rows = compare(comparison, command.jobs, command.retry_failed, program_version(), tell)
-    return (calibration_report if command.calibration else object_report)(comparison, rows)
+        again = compare_again(comparison, command.jobs, program_version(), tell) if command.stability else []
+    return (
+        calibration_report(comparison, rows)
+        if command.calibration
+        else object_report(comparison, rows, again)
+    )
 
 
 def _boxes(command: EvaluateCommand, console: Console) -> Report:

@@ -24,6 +24,8 @@ class ComparisonConfig:
 
     seed: int = 0
     """Of everything that is sampled from frames and surfaces."""
+    threads: int = 1
+    """Of an estimate."""
     mesh_resolution: int = 64
     """Cells along an edge of the canonical cube."""
     surface_points: int = POINTS

@@ -7,6 +7,7 @@ from functools import cache
 from typing import Any
 
 import numpy as np
+import torch
 import trimesh
 
 from factors.state import ObjectState
@@ -19,6 +20,7 @@ from objgraph.bench.comparison.store import plain
 from objgraph.bench.comparison.uncertainty import surface_errors
 from objgraph.bench.metrics.box_error import box_error
 from objgraph.bench.metrics.metrics import Evaluation, evaluate_object
+from objgraph.bench.metrics.placed import PlacedMesh
 from objgraph.bench.worlds.photograph import MEASURED
 from objgraph.covariance.box import box_pose
 from objgraph.datasets.ground_truth import AnnotatedScan, GroundTruth
@@ -84,6 +86,8 @@ def measure(job: Job, config: ComparisonConfig, version: str = "") -> Iterator[O
     for name, digest in job.todo.items():
         chosen, start = method_and_start(name)
         rows[name] = replace(blank, method=chosen, start=start, settings=digest)
+    threads = torch.get_num_threads()
+    torch.set_num_threads(config.threads)
     try:
         scan = case.scan()
         frames = {i: scan.frames[i] for i in case.views(views)}
@@ -94,6 +98,8 @@ def measure(job: Job, config: ComparisonConfig, version: str = "") -> Iterator[O
     except Exception as error:  # no object may stop the others
         log.debug("%s", case.id, exc_info=True)
         yield from (replace(row, failure=failure_of(error)) for row in rows.values())
+    finally:
+        torch.set_num_threads(threads)
 
 
 def _from_starts(
@@ -169,19 +175,18 @@ def _estimated(
     row = replace(row, **_description(estimate))
     try:
         mesh = extract_mesh(seen.prior.decoder, estimate.state.code, resolution=config.mesh_resolution)
-        evaluation = _evaluation(estimate.state, mesh, seen, config)
+        state, vertices = estimate.state, np.asarray(mesh.vertices)
+        placed = PlacedMesh(
+            "the estimate", state.T_world_object.matrix(), state.scale, vertices, np.asarray(mesh.faces)
+        )
+        evaluation = evaluate_object(
+            placed.T_world_object, placed.scale, placed.vertices, placed.faces, seen.truth, config.seed
+        )
         covered = {} if estimate.covariance is None else _uncertainty(estimate, mesh, seen, config)
     except ObjectGraphError as error:
         return replace(row, failure=str(error))
-    return replace(row, **_verdict(evaluation), **covered)
-
-
-def _evaluation(
-    state: ObjectState, mesh: trimesh.Trimesh, seen: _Seen, config: ComparisonConfig
-) -> Evaluation:
-    vertices, faces = np.asarray(mesh.vertices), np.asarray(mesh.faces)
-    T = state.T_world_object.matrix()
-    return evaluate_object(T, state.scale, vertices, faces, seen.truth, config.seed)
+    box = {"centre_world": plain(placed.centre_world), "extents": plain(placed.extents)}
+    return replace(row, **_verdict(evaluation), **box, **covered)
 
 
 def _uncertainty(

@@ -11,8 +11,10 @@ from objgraph.bench.comparison.measure import WELL_RECONSTRUCTED
 from objgraph.bench.comparison.plots import error_plot, faults_plot, reliability_plot, uncertainty_plot
 from objgraph.bench.comparison.report import Report
 from objgraph.bench.comparison.rows import ObjectRow
+from objgraph.bench.comparison.stability import MEASURED as OF_STABILITY
+from objgraph.bench.comparison.stability import stability
 from objgraph.bench.comparison.summary import WORST, paired, summarize
-from objgraph.bench.comparison.tables import all_tables, calibration_tables
+from objgraph.bench.comparison.tables import all_tables, calibration_tables, stability_table
 from objgraph.errors import EvaluationError
 
 MEASURED = (
@@ -25,15 +27,20 @@ MEASURED = (
 _SHAPES = "distinct shapes"
 
 
-def object_report(comparison: Comparison, rows: Sequence[ObjectRow]) -> Report:
+def object_report(
+    comparison: Comparison, rows: Sequence[ObjectRow], again: Sequence[Sequence[ObjectRow]] = ()
+) -> Report:
     """The paper's Tables I and II, medians and differences; error against views, and against uncertainty at the most."""
     methods, seed, data = comparison.methods, comparison.config.seed, _data(comparison)
     entries, pairs = summarize(rows, methods, seed), paired(rows, methods, seed)
+    steady = stability(again) if again else []
+    tables = all_tables(entries, pairs, methods, data) + ([stability_table(steady, data)] if steady else [])
+    details = _details(comparison, rows) | ({"stability": steady} if steady else {})
     most = max(comparison.views)
     chosen = [row for row in rows if row.views == most]
     words = f"{data}, {most} view{'s' * (most > 1)}"
     return Report(
-        seed, rows, entries, pairs, all_tables(entries, pairs, methods, data), _details(comparison, rows), _SHAPES, MEASURED,
+        seed, rows, entries, pairs, tables, details, _SHAPES, "; ".join([MEASURED, *([OF_STABILITY] if steady else [])]),
         {
             "error_against_views.png": lambda path: error_plot(entries, methods, data, path),
             "error_against_uncertainty.png": lambda path: uncertainty_plot(chosen, methods, words, path),

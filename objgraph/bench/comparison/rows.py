@@ -75,6 +75,12 @@ class ObjectRow:
     box_iou: float | None = None
     volume_iou: float | None = None
     chamfer_m: float | None = None
+    recall: float | None = None
+    """Share of the true surface within 2 cm of the estimated one."""
+    centre_world: Numbers = None
+    """Of the estimate's box."""
+    extents: Numbers = None
+    """Its edges along the object's axes, metres."""
     pearson: float | None = None
     """Of |SDF| and its standard deviation over points of the true surface."""
     pearson_binned: float | None = None

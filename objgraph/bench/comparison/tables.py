@@ -174,6 +174,28 @@ def calibration_tables(entries: Sequence[Entry], data: str) -> list[Grid]:
     ]
 
 
+def stability_table(entries: Sequence[Entry], data: str) -> Grid:
+    """How far estimates are the same again."""
+    figures = (("spread_m", 100), ("spread_deg", 1), ("spread_extents_m", 100), ("spread_chamfer_m", 100))
+
+    def texts(e: Entry) -> Iterator[str]:
+        yield from (e["contender"], str(e["n"]), str(e["n_failed"]))
+        yield from (NONE if e[name] is None else f"{factor * e[name]:.2f}" for name, factor in figures)
+        yield NONE if e["threads_m"] is None else f"{100 * e['threads_m']:.2f}"
+        yield _figure(e, "mode_changes")
+
+    caption = (
+        "Root mean square about an object's mean over five draws of points and rays and a run with two threads, median of the "
+        "objects; two threads against one: the largest. Another mode: headings more than 45 degrees apart modulo symmetry, or "
+        "0.1 less of the true surface within 2 cm."
+    )
+    header = (
+        "Objects", "Method", "n", "failed", "centre\n(cm)", "heading\n(deg)", "extents\n(cm)", "Chamfer\n(cm)",
+        "threads\n(cm)", "another\nmode",
+    )  # fmt: skip
+    return Grid(f"The same objects again ({data})", header, _sections(entries, texts), caption, words=2)
+
+
 def _sections(
     entries: Sequence[Entry], texts: Callable[[Entry], Iterable[str]]
 ) -> tuple[tuple[tuple[Cell, ...], ...], ...]:

@@ -7,7 +7,7 @@ from jaxtyping import Float, Int
 
 from objgraph.bench.metrics.placed import PlacedMesh
 from objgraph.bench.metrics.pose import PoseError, pose_error
-from objgraph.bench.metrics.shape import chamfer_m, volume_iou
+from objgraph.bench.metrics.shape import surface_errors, volume_iou
 from objgraph.datasets.ground_truth import GroundTruth
 from objgraph.geometry.boxes import box_iou
 
@@ -38,6 +38,8 @@ class Evaluation:
     """Intersection over union of the solids; see `objgraph.bench.metrics.shape.volume_iou`."""
     chamfer_m: float
     """Mean of the two directed mean distances, world frame, 10,000 points a side."""
+    recall: float
+    """Share of the true surface within 2 cm of the estimated one."""
 
     @property
     def iou_correct(self) -> bool:
@@ -66,6 +68,7 @@ def evaluate_object(
     estimate = PlacedMesh("the estimate", np.asarray(T_world_object), np.asarray(scale), vertices, faces)
     target = PlacedMesh.of_truth(truth)
     pose = pose_error(estimate, target, truth.symmetry)
+    chamfer, recall = surface_errors(estimate, target, seed)
     return Evaluation(
         pose_correct=_pose_correct(pose),
         translation_m=pose.translation_m,
@@ -74,7 +77,8 @@ def evaluate_object(
         scale_pct_max=pose.scale_pct_max,
         box_iou=box_iou(estimate.box, target.box),
         volume_iou=volume_iou(estimate, target),
-        chamfer_m=chamfer_m(estimate, target, seed),
+        chamfer_m=chamfer,
+        recall=recall,
     )
 
 

@@ -13,6 +13,8 @@ from objgraph.geometry.frames import transformed
 
 CHAMFER_POINTS = 10_000
 """Points sampled on each surface."""
+RECALL_M = 0.02
+"""A true surface that is farther from every estimated one is missing."""
 VOXELS = 64
 """Voxels along the longest side of the ground truth's box."""
 _MOST_VOXELS = 128
@@ -26,8 +28,16 @@ def chamfer_m(estimate: PlacedMesh, truth: PlacedMesh, seed: int = 0, points: in
     Points are uniform by metric area and drawn independently on either side, so equal surfaces do not give
     zero but about half the mean spacing of the points: half a centimetre on a chair.
     """
+    return surface_errors(estimate, truth, seed, points)[0]
+
+
+def surface_errors(
+    estimate: PlacedMesh, truth: PlacedMesh, seed: int = 0, points: int = CHAMFER_POINTS
+) -> tuple[float, float]:
+    """`chamfer_m`, and the share of the true surface that the estimate's is within `RECALL_M` of."""
     a, b = _sample(estimate, points, seed), _sample(truth, points, seed + 1)
-    return float((cKDTree(b).query(a)[0].mean() + cKDTree(a).query(b)[0].mean()) / 2)
+    of_estimate, of_truth = cKDTree(b).query(a)[0], cKDTree(a).query(b)[0]
+    return float((of_estimate.mean() + of_truth.mean()) / 2), float((of_truth < RECALL_M).mean())
 
 
 def volume_iou(estimate: PlacedMesh, truth: PlacedMesh, voxels: int = VOXELS) -> float:

@@ -9,6 +9,7 @@ import pytest
 
 from objgraph.bench.comparison import config as comparison_config
 from objgraph.bench.comparison import measure as comparing_measure
+from objgraph.bench.comparison import starts
 from objgraph.bench.comparison.compare import CSV, ROWS, Comparison, compare, starts_apart
 from objgraph.bench.comparison.measure import Job, measure
 from objgraph.bench.comparison.methods import METHODS, Method
@@ -27,7 +28,7 @@ from tests.objgraph.bench.comparison_fakes import (
 )
 from tests.toys import toy_prior
 
-TIMES = ("seconds", "seconds_cpu", "seconds_initialise")
+TIMES = ("seconds", "seconds_cpu", "start_seconds")
 
 
 @pytest.fixture(autouse=True)
@@ -78,7 +79,7 @@ def test_methods_start_together_and_are_measured():
     assert near.start_T_world_object == far.start_T_world_object == bare.start_T_world_object
     assert near.T_world_object == near.start_T_world_object
     assert near.failure is far.failure is None
-    assert near.seconds_initialise == far.seconds_initialise
+    assert near.start_seconds == far.start_seconds
     assert (near.pose_correct, near.iou_correct, near.chamfer_correct) == (True, True, True)
     assert near.well_reconstructed
     assert near.translation_m == pytest.approx(0.01, abs=0.003)
@@ -248,7 +249,7 @@ def test_methods_that_did_not_start_alike_are_told(tmp_path, monkeypatch, caplog
     both = replace(comparison, methods=("near", "far"))
     with monkeypatch.context() as patch:
         moved = FakeCase(0).state().retract(np.full(13, 0.01))
-        patch.setattr(comparing_measure, "rank", lambda *_: ([moved], []))
+        patch.setattr(starts, "rank", lambda *_: ([moved], []))
         rows = compare(both, version="2")
     assert starts_apart(rows) == [("chair-0", 1), ("chair-1", 1)]
     assert "did not start alike on 2 of the objects" in caplog.text

@@ -249,8 +249,8 @@ def test_a_meshs_case_has_its_shape_at_a_real_size(mesh_folder):
         scan = case.scan()
         truth = scan.ground_truth[1]
         assert case.mesh is not None
-        files.append(case.mesh)
-        file = trimesh.load_mesh(case.mesh)
+        files.append(case.mesh.path)
+        file = trimesh.load_mesh(case.mesh.path)
         np.testing.assert_allclose(
             np.ptp(truth.vertices, axis=0), file.extents / np.linalg.norm(file.extents), atol=1e-5
         )
