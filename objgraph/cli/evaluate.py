@@ -19,7 +19,7 @@ from objgraph.bench.comparison.config import ComparisonConfig
 from objgraph.bench.comparison.methods import METHODS, method
 from objgraph.bench.comparison.object_report import calibration_report, object_report
 from objgraph.bench.comparison.report import Report
-from objgraph.bench.comparison.rows import SHARED, STARTS, contender
+from objgraph.bench.comparison.rows import SHARED, STARTS, contender, method_and_start
 from objgraph.bench.comparison.scan_cases import ScanSource, read_split
 from objgraph.bench.comparison.stability import compare_again
 from objgraph.bench.worlds.cases import BenchmarkConfig
@@ -27,6 +27,7 @@ from objgraph.bench.worlds.faults import Difficulty, FaultRanges, faults_from
 from objgraph.bench.worlds.meshes import ShapeSet
 from objgraph.bench.worlds.viewpoints import VIEWS
 from objgraph.cli.progress import Progress, progress
+from objgraph.cli.suite import FIGURES, Suite, run_suite
 from objgraph.datasets.files import read_json
 from objgraph.datasets.registry import datasets
 from objgraph.errors import EvaluationError
@@ -39,8 +40,8 @@ List = Annotated[tuple[str, ...], tyro.conf.arg(metavar="A,B,..")]
 class EvaluateCommand:
     """Compare methods on objects with ground truth. Lists are separated by commas or spaces."""
 
-    json: Path
-    """File for the figures."""
+    json: Path | None = None
+    """File for the figures; by default `figures.json` in `out`."""
     dataset: str = SYNTHETIC
     """`synthetic`, or a data set with ground truth: `scannet`, `kitti`."""
     methods: List = ("graph", "ours")
@@ -48,6 +49,11 @@ class EvaluateCommand:
     out: Path | None = None
     """Folder for rows, tables and plots; a run that was stopped goes on there. By default beside the figures, named as
     their file is."""
+    suite: Suite | None = None
+    """Run all that docs/results.md shows (`docs`, many hours), or a part of it (`quick`, ten minutes), in folders under `out`;
+    `root` is then the folder of all data."""
+    render: Path | None = None
+    """Write the page of a suite's figures into this folder, and run nothing."""
     views: List = ("1", "2", "3")
     """Numbers of views of each object."""
     categories: List = ("chair", "table")
@@ -97,7 +103,16 @@ class EvaluateCommand:
     @property
     def folder(self) -> Path:
         """Of rows, tables and plots."""
-        return self.out or self.json.with_name(self.json.stem + "_rows")
+        if self.out is not None:
+            return self.out
+        if self.json is None:
+            raise EvaluationError("say where the figures go: --out names a folder, --json a file")
+        return self.json.with_name(self.json.stem + "_rows")
+
+    @property
+    def figures(self) -> Path:
+        """The file."""
+        return self.json or self.folder / FIGURES
 
 
 def run_evaluate(command: EvaluateCommand, console: Console, line: str) -> dict[str, Any]:
@@ -108,14 +123,19 @@ def run_evaluate(command: EvaluateCommand, console: Console, line: str) -> dict[
             stopped, and can go on.
         DatasetError: the data cannot be read, or nothing is left of them.
     """
+    if command.suite is not None:
+        run_suite(command, console, run_evaluate)
+        return {}
+    if command.render is not None:
+        raise EvaluationError("--render is for a --suite")
     report = (_boxes if command.dataset == KITTI else _objects)(command, console)
-    return report.publish(line, command.json, command.folder, console)
+    return report.publish(line, command.figures, command.folder, console)
 
 
 def _objects(command: EvaluateCommand, console: Console) -> Report:
     """Tables I and II, or the calibration of the same rows."""
     comparison = _comparison(command)
-    _check_writable(command.json)
+    _check_writable(command.figures)
     with _running(command.folder / ROWS, console) as tell:
         rows = compare(comparison, command.jobs, command.retry_failed, program_version(), tell)
         again = compare_again(comparison, command.jobs, program_version(), tell) if command.stability else []
@@ -132,7 +152,7 @@ def _boxes(command: EvaluateCommand, console: Console) -> Report:
         raise EvaluationError(f"data set '{KITTI}': --root must name its folder")
     if command.calibration:
         raise EvaluationError(f"data set '{KITTI}': --calibration is for data sets with true shapes")
-    _check_writable(command.json)
+    _check_writable(command.figures)
     comparison = LidarComparison(
         command.root, _methods(command), command.folder, _scans(command), command.seed, command.priors
     )
@@ -158,7 +178,10 @@ def _methods(command: EvaluateCommand) -> tuple[str, ...]:
     if not methods:
         raise EvaluationError(f"--methods names none; available: {', '.join(METHODS)}")
     for name in methods:
-        method(name)
+        chosen, start = method_and_start(name)
+        method(chosen)
+        if start not in STARTS:
+            raise EvaluationError(f"no start '{start}' in {name}; there are {', '.join(STARTS)}")
     if command.jobs < 1:
         raise EvaluationError("--jobs must be at least 1")
     return methods
@@ -170,8 +193,14 @@ def _comparison(command: EvaluateCommand) -> Comparison:
     starts = _items(command.start, "--start")
     if wrong := [start for start in starts if start not in STARTS]:
         raise EvaluationError(f"--start takes {', '.join(STARTS)} or both; not '{wrong[0]}'")
-    methods = tuple(contender(name, start) for start in starts for name in methods)
+    methods = tuple(dict.fromkeys(contender(*_started(name, start)) for start in starts for name in methods))
     return Comparison(_source(command), methods, _views(command), command.folder, config)
+
+
+def _started(name: str, start: str) -> tuple[str, str]:
+    """A method that names its start keeps it."""
+    method, own = method_and_start(name)
+    return method, own if own != SHARED else start
 
 
 def _scans(command: EvaluateCommand) -> tuple[str, ...]:

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Self
 
 from rich.markup import escape
 from rich.table import Table
@@ -36,6 +36,14 @@ class Grid:
     caption: str = ""
     words: int = 1
     """How many of the first columns are text, not numbers."""
+
+    @classmethod
+    def of(cls, data: Mapping[str, Any]) -> Self:
+        """From its JSON (`dataclasses.asdict`)."""
+        sections = tuple(
+            tuple(tuple(Cell(**cell) for cell in row) for row in section) for section in data["sections"]
+        )
+        return cls(data["title"], tuple(data["header"]), sections, data["caption"], data["words"])
 
     def rich(self) -> Table:
         """For the terminal."""

@@ -1,7 +1,7 @@
 """What is written of any comparison: one JSON document, tables in Markdown, pictures; the tables are also shown."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -47,6 +47,7 @@ class Report:
             "measured": self.measured,
             "rows": list(self.entries),
             "paired": list(self.pairs),
+            "tables": [asdict(table) for table in self.tables],
         }
 
     def markdown(self, command: str) -> str:

@@ -1,0 +1,49 @@
+"""Where the graph is behind: every figure of a comparison at which another method is better."""
+
+from collections.abc import Mapping
+from typing import Any
+
+from objgraph.bench.comparison.grid import Cell, Grid
+
+_FIGURES = (
+    ("pose_rate", "9-DoF pose", 1.0, 3, 1),
+    ("iou_rate", "IoU>0.25", 1.0, 3, 1),
+    ("chamfer_rate", "CD<0.2", 1.0, 3, 1),
+    ("median_translation_m", "translation (cm)", 100.0, 1, -1),
+    ("median_rotation_deg", "rotation (deg)", 1.0, 1, -1),
+    ("median_chamfer_m", "Chamfer (cm)", 100.0, 2, -1),
+    ("mean_iou", "mean IoU", 1.0, 3, 1),
+    ("iou60", "IoU>0.6", 1.0, 3, 1),
+    ("iou75", "IoU>0.75", 1.0, 3, 1),
+)
+"""Name in the JSON, in words, factor, digits, and 1 where more is better."""
+
+
+def behind_table(documents: Mapping[str, Mapping[str, Any]], name: str = "graph") -> Grid:
+    """By the comparisons' titles: a row for the best of those that are better than the graph, as printed."""
+    rows = []
+    for title, document in documents.items():
+        for own in document["rows"]:
+            if own.get("contender", own.get("method")) != name:
+                continue
+            of = {key: own.get(key) for key in ("category", "views", "quality")}
+            others = [e for e in document["rows"] if all(e.get(key) == value for key, value in of.items())]
+            for figure, words, factor, digits, better in _FIGURES:
+                known = [e for e in others if e.get(figure) is not None]
+                if own.get(figure) is None or not known:
+                    continue
+                best = max(known, key=lambda e: better * e[figure])
+                theirs, ours = (round(factor * e[figure], digits) for e in (best, own))
+                if better * (theirs - ours) > 0:
+                    what = ", ".join(
+                        [title, *(_words(key, value) for key, value in of.items() if value is not None)]
+                    )
+                    texts = (what, words, best.get("contender", best.get("method")), theirs, ours)
+                    rows.append(tuple(Cell(str(text)) for text in texts))
+    header = ("Where", "Figure", "Best", "its", "graph's")
+    caption = "Every rate and median, of all parts of this page, at which some method with some start is better than the graph."
+    return Grid("Where the graph is behind", header, (tuple(rows),), caption, words=3)
+
+
+def _words(key: str, value: Any) -> str:
+    return f"{value} view{'s' * (value > 1)}" if key == "views" else str(value)
