@@ -103,9 +103,9 @@ class Faults:
 EVERYDAY = FaultRanges()
 """A careful user's scan."""
 HARD = FaultRanges(
-    visible=(0.2, 0.45), distance_m=(1.0, 3.5), aim_m=(0.1, 0.5), pushed=0.4, things_on=(0.0, 4.0), apart_deg=(5.0, 20.0),
-    walk=0.5, walk_m=(0.15, 0.4), mask_border_px=(2.0, 8.0), mask_thin_px=(0.0, 8.0), mask_part=(0.0, 0.3), merged=0.1,
-    sensor=(1.0, 2.0), flying=(0.0, 0.5), holes=(0.0, 0.3), fusion_px=(0.0, 4.0), camera_m=(0.0, 0.02),
+    visible=(0.2, 0.55), distance_m=(1.0, 3.5), aim_m=(0.05, 0.4), pushed=0.4, things_on=(0.0, 3.0), apart_deg=(5.0, 20.0),
+    walk=0.5, walk_m=(0.15, 0.5), mask_border_px=(2.0, 8.0), mask_thin_px=(0.0, 6.0), mask_part=(0.0, 0.2), merged=0.1,
+    sensor=(1.0, 2.0), flying=(0.0, 0.4), holes=(0.0, 0.2), fusion_px=(0.0, 3.0), camera_m=(0.0, 0.02),
     camera_deg=(0.0, 1.0), floor_m=(-0.02, 0.02),
 )  # fmt: skip
 """What ScanNet is like."""
