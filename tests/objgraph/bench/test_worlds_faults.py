@@ -1,5 +1,6 @@
 """What is wrong with a scan: each fault against what it says, drawn alike every time, varied within a set."""
 
+import contextlib
 import dataclasses
 
 import numpy as np
@@ -158,10 +159,8 @@ def test_ranges_come_from_json():
 
 @given(st.recursive(st.none() | st.booleans() | st.floats() | st.text(max_size=9), lambda x: st.lists(x) | st.dictionaries(st.sampled_from([f.name for f in dataclasses.fields(FaultRanges)]) | st.text(max_size=3), x)))  # fmt: skip
 def test_any_other_json_is_refused(values):
-    try:
+    with contextlib.suppress(DatasetError):
         assert isinstance(faults_from(values, "hard"), FaultRanges)
-    except DatasetError:
-        pass
 
 
 @pytest.fixture(scope="module")
@@ -198,7 +197,7 @@ def test_cameras_are_told_wrong_by_what_the_scan_says(seen):
         told, true = scan.frames[k].T_world_camera, right.frames[k].T_world_camera
         np.testing.assert_array_equal(scan.frames[k].depth, right.frames[k].depth)
         assert np.linalg.norm(told[:3, 3] - true[:3, 3]) == pytest.approx(
-            scan.conditions["camera_error_m"][k]
+            scan.conditions["camera_error_m"][k], rel=1e-3
         )
         cosine = (np.trace(told[:3, :3].T @ true[:3, :3]) - 1) / 2
         assert np.degrees(np.arccos(cosine)) == pytest.approx(
@@ -233,7 +232,9 @@ def test_neighbours_are_pushed_together_and_do_not_intersect(seed):
     target = stand(chair, np.full(3, chair.diagonal_m), np.zeros(2), rng.uniform(-3, 3))
     other = pushed_against(target, table, rng)
     scene = o3d.t.geometry.RaycastingScene(nthreads=1)
-    scene.add_triangles(target.p_world.astype(np.float32), np.asarray(chair.mesh.faces, np.uint32))
+    scene.add_triangles(
+        np.array(target.p_world, np.float32, subok=False), np.asarray(chair.mesh.faces, np.uint32)
+    )
     mesh = trimesh.Trimesh(other.p_world, table.mesh.faces, process=False)
     points = np.asarray(trimesh.sample.sample_surface(mesh, 4000, seed=1)[0])
     gap = scene.compute_distance(points.astype(np.float32)).numpy().min()
