@@ -50,7 +50,7 @@ def parts(suite: Suite) -> list[Part]:
 
 
 def _docs() -> list[Part]:
-    synthetic = {"views": ("3",), "methods": (_SHARED, _OWN)}
+    synthetic = {"views": ("3",), "methods": (f"{_SHARED},{_OWN}",)}
     found = [
         Part(
             f"{difficulty}-{shapes}", f"{difficulty.capitalize()}: {words}",
@@ -84,7 +84,7 @@ def _docs() -> list[Part]:
             "scene0470", "A real scan: ScanNet scene0470_00",
             {
                 "dataset": "scannet", "root": Path("scannet"), "scenes": ("scene0470_00",), "views": ("1,2,3",),
-                "methods": (_SHARED, _OWN),
+                "methods": (f"{_SHARED},{_OWN}",),
             },
         ),
         *_real("docs"),

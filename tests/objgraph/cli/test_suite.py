@@ -1,0 +1,123 @@
+"""The suite: commands that can be typed, and a page made of what they left."""
+
+import dataclasses
+import json
+import shlex
+from pathlib import Path
+
+import pytest
+from rich.console import Console
+
+from objgraph.bench.comparison.behind import behind_table
+from objgraph.bench.comparison.methods import method
+from objgraph.bench.comparison.rows import method_and_start
+from objgraph.bench.comparison.summary import paired, summarize
+from objgraph.bench.comparison.tables import all_tables
+from objgraph.cli.evaluate import EvaluateCommand, run_evaluate
+from objgraph.cli.main import _parsed
+from objgraph.cli.suite import FIGURES, line_of, parts, render, run_suite
+from objgraph.errors import EvaluationError
+from tests.objgraph.bench.test_comparison_report import made_up
+
+
+def document(**changes) -> dict:
+    rows, methods = made_up(), ("graph", "ours")
+    entries, pairs = summarize(rows, methods), paired(rows, methods)
+    return {
+        "command": "objgraph evaluate --made-up", "seed": 5, "rows_made_by": ["1.0"], "priors": {"chair": "0123456789abcdef"},
+        "rows": entries, "paired": pairs, "tables": [dataclasses.asdict(t) for t in all_tables(entries, pairs, methods, "x")],
+        **changes,
+    }  # fmt: skip
+
+
+def put(folder: Path, name: str, content: dict) -> None:
+    (folder / name).mkdir(parents=True)
+    (folder / name / FIGURES).write_text(json.dumps(content))
+
+
+@pytest.mark.parametrize("suite", ["docs", "quick"])
+def test_every_part_is_a_command_that_can_be_typed(suite):
+    names = [part.name for part in parts(suite)]
+    assert len(set(names)) == len(names)
+    given = EvaluateCommand(out=Path("out"), root=Path("DATA"), seed=3, suite=suite)
+    for part in parts(suite):
+        words = shlex.split(line_of(part, given))
+        command = _parsed(EvaluateCommand, "evaluate", words[2:])
+        assert command.seed == 3
+        for name, value in part.options.items():
+            typed = getattr(command, name)
+            assert typed == (Path("DATA") / value if isinstance(value, Path) else value), name
+        for word in ",".join(command.methods).split(","):
+            assert method(method_and_start(word)[0])
+
+
+def test_parts_run_in_their_folders_and_what_has_no_data_is_left_out(tmp_path, capsys):
+    (tmp_path / "data" / "cad2").mkdir(parents=True)
+    ran = []
+
+    def run(command, console, line):
+        ran.append(command)
+        put(command.out.parent, command.out.name, document())
+
+    command = EvaluateCommand(out=tmp_path / "out", root=tmp_path / "data", seed=3, suite="quick", jobs=2)
+    run_suite(command, Console(), run)
+    assert [each.out.name for each in ran] == ["hard-families", "hard-everyday", "ours"]
+    assert all(each.suite is None and each.seed == 3 and each.jobs == 2 for each in ran)
+    assert ran[1].meshes == tmp_path / "data" / "cad2"
+    assert "kitti-1: left out" in capsys.readouterr().out
+    page = (tmp_path / "out" / "results.md").read_text()
+    assert page.count("Not run.") == len(parts("quick")) - 3
+
+
+def test_the_page_is_made_of_the_json_alone(tmp_path):
+    put(tmp_path, "hard-families", document())
+    (tmp_path / "hard-families" / "pose_over_faults.png").write_bytes(b"a picture")
+    page = render("docs", tmp_path, tmp_path / "docs").read_text()
+    assert "## Hard: the benchmark's own families" in page
+    assert "objgraph evaluate --made-up" in page
+    assert "Seed 5, rows by 1.0." in page
+    assert "`0123456789ab`" in page
+    assert "### Rates with their intervals (x)" in page
+    assert "### Paired differences" not in page
+    assert (tmp_path / "docs/images/results_hard-families_pose_over_faults.png").read_bytes() == b"a picture"
+    before = page
+    changed = document()
+    changed["tables"][1]["sections"][0][0][4]["text"] = "0.123 [0.00, 0.50]"
+    (tmp_path / "hard-families" / FIGURES).write_text(json.dumps(changed))
+    assert "0.123 [0.00, 0.50]" in render("docs", tmp_path, tmp_path / "docs").read_text()
+    assert "0.123 [0.00, 0.50]" not in before
+
+
+def test_where_the_graph_is_behind_is_told_first(tmp_path):
+    entry = {"category": "chair", "views": 3, "pose_rate": 0.5, "iou_rate": 0.9, "median_chamfer_m": 0.02}
+    rows = [
+        {**entry, "contender": "graph"},
+        {**entry, "contender": "ours@own", "pose_rate": 0.75, "iou_rate": 0.9001},
+        {**entry, "contender": "dsp-slam", "pose_rate": 0.6, "median_chamfer_m": 0.031},
+        {**entry, "contender": "ours", "category": "table", "pose_rate": 1.0},
+    ]
+    text = behind_table({"Hard": {"rows": rows}}).markdown()
+    assert "| Hard, chair, 3 views | 9-DoF pose | ours@own | 0.75 | 0.5 |" in text
+    assert text.count("| Hard") == 1  # as printed the others are equal or worse
+    put(tmp_path, "hard-families", document())
+    page = render("docs", tmp_path, tmp_path).read_text()
+    assert page.index("Where the graph is behind") < page.index("## Hard")
+
+
+def test_mistakes_are_told(tmp_path):
+    with pytest.raises(EvaluationError, match="nothing of the suite"):
+        render("docs", tmp_path, tmp_path)
+    (tmp_path / "hard-families").mkdir()
+    (tmp_path / "hard-families" / FIGURES).write_text("{")
+    with pytest.raises(EvaluationError, match=r"figures\.json is damaged"):
+        render("docs", tmp_path, tmp_path)
+    with pytest.raises(EvaluationError, match="--out"):
+        run_evaluate(EvaluateCommand(suite="quick"), Console(), "")
+    with pytest.raises(EvaluationError, match="--render is for a --suite"):
+        run_evaluate(EvaluateCommand(out=tmp_path, render=tmp_path), Console(), "")
+    with pytest.raises(EvaluationError, match="--out names a folder"):
+        run_evaluate(EvaluateCommand(), Console(), "")
+    with pytest.raises(EvaluationError, match="no start 'mine' in graph@mine"):
+        run_evaluate(EvaluateCommand(out=tmp_path, methods=("graph@mine",)), Console(), "")
+    with pytest.raises(EvaluationError, match="--start takes shared, own"):
+        run_evaluate(EvaluateCommand(out=tmp_path, start=("mine",)), Console(), "")
