@@ -21,18 +21,19 @@ from objgraph.bench.worlds.viewpoints import (
     with_roll,
 )
 from objgraph.errors import DatasetError
-from objgraph.geometry.frames import look_at, transformed_back
+from objgraph.geometry.frames import look_at, transformed, transformed_back
 from objgraph.synthetic.furniture import Furniture
 
 MIN_PIXELS = 1200
 """Of the target, unoccluded, in an image of 640x480, in every view."""
 _NEAR_ENOUGH = 0.04
 """Of the share of surface that is to be seen."""
-_ROOMS = 60
+_ROOMS = 30
 _WALKS = 4
 _TRIES = 12
+_FROM_EDGE_M = 0.7
 _SURFACE = 2000
-_POINTS_AROUND = 2
+_AROUND = 2
 """Subdivisions of the sphere from which the outer surface is told from the inner: 162 directions."""
 
 
@@ -45,20 +46,13 @@ class OuterSurface:
     """All that may hide them."""
 
     @classmethod
-    def of(cls, room: Room) -> "OuterSurface":
-        target = room.target
-        alone, everything = (o3d.t.geometry.RaycastingScene(nthreads=1) for _ in range(2))
-        mesh = trimesh.Trimesh(target.p_world, target.piece.mesh.faces, process=False)
-        others = [(other.p_world, other.piece.mesh.faces) for other in room.clutter]
-        shell = [(part.vertices, part.faces) for part in room.shell]
-        for vertices, faces in [(mesh.vertices, mesh.faces), *others, *shell]:
+    def of(cls, room: Room, p_object: Float[np.ndarray, "n 3"]) -> "OuterSurface":
+        """In a room, from `outer_points` of its target."""
+        everything = o3d.t.geometry.RaycastingScene(nthreads=1)
+        pieces = [(piece.p_world, piece.piece.mesh.faces) for piece in (room.target, *room.clutter)]
+        for vertices, faces in [*pieces, *((part.vertices, part.faces) for part in room.shell)]:
             everything.add_triangles(np.asarray(vertices, np.float32), np.asarray(faces, np.uint32))
-        alone.add_triangles(np.asarray(mesh.vertices, np.float32), np.asarray(mesh.faces, np.uint32))
-        points = np.asarray(trimesh.sample.sample_surface(mesh, _SURFACE, seed=0)[0])
-        outer = np.zeros(len(points), dtype=bool)
-        for direction in trimesh.creation.icosphere(_POINTS_AROUND).vertices:
-            outer |= _seen_from(alone, mesh.centroid + 5.0 * direction, points)
-        return cls(points[outer], everything)
+        return cls(transformed(room.target.T_world_object, room.target.scale * p_object), everything)
 
     def seen(self, T_world_camera: Pose) -> Bool[np.ndarray, "n"]:
         """Which of the points a camera sees."""
@@ -70,9 +64,20 @@ class OuterSurface:
         return inside & _seen_from(self.everything, T_world_camera[:3, 3], self.p_world)
 
 
+def outer_points(piece: Furniture) -> Float[np.ndarray, "n 3"]:
+    """Points of a piece's surface that can be seen from some side, canonical; parts may hide what lies within."""
+    alone = o3d.t.geometry.RaycastingScene(nthreads=1)
+    alone.add_triangles(np.asarray(piece.mesh.vertices, np.float32), np.asarray(piece.mesh.faces, np.uint32))
+    points = np.asarray(trimesh.sample.sample_surface(piece.mesh, _SURFACE, seed=0)[0])
+    outer = np.zeros(len(points), dtype=bool)
+    for direction in trimesh.creation.icosphere(_AROUND).vertices:
+        outer |= _seen_from(alone, 5.0 * direction, points)
+    return points[outer]
+
+
 def visible_shares(room: Room, cameras: tuple[Pose, ...]) -> list[float]:
     """Of the target's outer surface, what the first camera, the first two, ... see."""
-    surface = OuterSurface.of(room)
+    surface = OuterSurface.of(room, outer_points(room.target.piece))
     seen = np.logical_or.accumulate([surface.seen(camera) for camera in cameras])
     return [float(part.mean()) for part in seen]
 
@@ -83,12 +88,11 @@ def draw_difficult_scene(piece: Furniture, faults: Faults, rng: Generator) -> Sc
     Raises `DatasetError` when none shows it at all.
     """
     best: tuple[float, Scene] | None = None
-    for _ in range(_ROOMS):
+    outer = outer_points(piece)
+    for _ in range(_ROOMS if len(outer) else 0):
         bearing = float(rng.uniform(-np.pi, np.pi))
         room = draw_room(piece, bearing, rng, faults)
-        view, surface = TargetView(room), OuterSurface.of(room)
-        if not len(surface.p_world):
-            continue
+        view, surface = TargetView(room), OuterSurface.of(room, outer)
         for _ in range(_WALKS):
             cameras = _walk(room, view, bearing, faults, rng)
             if cameras is None:
@@ -115,7 +119,10 @@ def _walk(
     side = float(rng.choice([-1.0, 1.0]))
     height = rng.uniform(*HEIGHT_M)
     bearing += rng.normal(0, 0.3)
-    level = np.sqrt(max(faults.distance_m**2 - (height - middle[2]) ** 2, 0.25))
+    level = np.sqrt(max(faults.distance_m**2 - (height - middle[2]) ** 2, 0.0))
+    # before a large table a person stands farther from its middle
+    corners = room.target.footprint - middle[:2]
+    level = max(level, float((corners @ [np.cos(bearing), np.sin(bearing)]).max()) + _FROM_EDGE_M)
     # where the hand wants to look stays much the same from view to view
     aim = middle + rng.normal(0, faults.aim_m, 3) * [1, 1, 0.5]
     poses: list[Pose] = []
