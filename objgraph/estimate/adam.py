@@ -21,6 +21,7 @@ from factors.state import RIGID_DOF, ObjectState
 from objgraph.covariance.labelled import ObjectCovariance
 from objgraph.errors import SolveError
 from objgraph.estimate.pool import Pool
+from objgraph.estimate.standing import Standing
 from objgraph.estimate.task import Estimate, EstimationTask, unusable
 from objgraph.estimate.terms import DrawnRays, Linearized, RaySteps, draw_rays, linearize
 
@@ -56,6 +57,8 @@ class AdamConfig:
     """First variance of the code."""
     monte_carlo: int | None = None
     """Samples of the paper's estimate of the 3D energy score (1000 there); by default the closed form."""
+    standing: bool = False
+    """Whether the graph's factors for floor and gravity are in the loss, at weight one."""
     seed: int = 0
     """Of the points and rays drawn."""
 
@@ -110,24 +113,25 @@ class _Descent:
         self.code_mean = torch.stack(
             [torch.as_tensor(np.asarray(task.prior.code_mean, float)).to(like) for task in tasks]
         )
+        self.standing = [Standing(task) for task in tasks] if config.standing else []
         self.failures: dict[int, str] = {}
 
     def run(self, progress: Callable[[int], None]) -> list[Estimate | SolveError]:
         optimizer = torch.optim.Adam([self.delta, self.log_variance], lr=self.config.learning_rate)
         judged = drawn = self._draw()
-        rays = draw_rays(self.decoder, self.states, drawn, self.config.steps)
+        rays = self._rays(drawn)
         with torch.no_grad():
             first = self._losses(drawn, rays, 0)
         for i in range(self.config.iterations):
             if i > 0 and i % self.config.redraw == 0:
                 drawn = self._draw()
-                rays = draw_rays(self.decoder, self.states, drawn, self.config.steps)
+                rays = self._rays(drawn)
             self._gradients(drawn, rays, i)
             optimizer.step()
             self._move()
             progress(i + 1)
         # on the points and rays of the first, so that the two can be compared
-        rays = draw_rays(self.decoder, self.states, judged, self.config.steps)
+        rays = self._rays(judged)
         with torch.no_grad():
             last = self._losses(judged, rays, 0)
         return [self._result(i, float(first[i]), float(last[i])) for i in range(len(self.tasks))]
@@ -138,6 +142,12 @@ class _Descent:
             pool.draw(rng, config.points, config.rays)
             for pool, rng in zip(self.pools, self.rngs, strict=True)
         ]
+
+    def _rays(self, drawn: Sequence[Pool]) -> list[DrawnRays]:
+        """Samples along the rays where the objects are now; the floor's rays too are drawn."""
+        for standing, state in zip(self.standing, self.states, strict=False):
+            standing.refresh(state)
+        return draw_rays(self.decoder, self.states, drawn, self.config.steps)
 
     def _gradients(
         self, drawn: Sequence[Pool], rays: Sequence[DrawnRays], iteration: int
@@ -174,6 +184,8 @@ class _Descent:
         config = self.config
         code = torch.as_tensor(np.array(self.states[i].code)).to(self.code_mean) + self.delta[i, RIGID_DOF:]
         loss = config.code_weight * (code - self.code_mean[i]).square().mean()
+        if self.standing:
+            loss = loss + self.standing[i].loss(self.states[i], self.delta[i])
         if config.surface_weight > 0:
             mu, sigma = self._sdf(i, surface)
             loss = loss + config.surface_weight * self._surface_score(mu, sigma, iteration).mean()

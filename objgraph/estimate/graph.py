@@ -23,6 +23,8 @@ class GraphEstimator:
     solver: SolverConfig = field(default_factory=SolverConfig)
     heading_modes: HeadingModesConfig | None = field(default_factory=HeadingModesConfig)
     """None takes the heading that was found as the only one."""
+    gravity: bool = True
+    """Whether it is told which way is up and where the floor is."""
 
     def estimate(
         self, tasks: Sequence[EstimationTask], progress: Callable[[int, int], None] | None = None
@@ -48,9 +50,8 @@ class GraphEstimator:
         return [attempt.estimate(last) for attempt in attempts]
 
     def _single(self, task: EstimationTask, start: ObjectState) -> SingleObject:
-        return ObjectBuilder(self.graph, task.up_world, task.floor).alone(
-            task.prior, start, task.views, task.box
-        )
+        known = (task.up_world, task.floor) if self.gravity else (None, None)
+        return ObjectBuilder(self.graph, *known).alone(task.prior, start, task.views, task.box)
 
     def _turn(self, attempts: Sequence["_Attempts"], config: HeadingModesConfig) -> None:
         """Solve to the end what costs less turned, take it where it still does by enough, and say how likely other headings are."""

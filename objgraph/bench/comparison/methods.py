@@ -53,10 +53,15 @@ class Method:
     """What it is told beside views, prior and start."""
 
 
+_GRAVITY = ("upright", "floor")
+
 METHODS: dict[str, Method] = {
     "start": Method(StandStill, SamplingConfig()),
     "start-7dof": Method(StandStill, SamplingConfig(), "icp-7dof"),
-    "graph": Method(GraphEstimator, SamplingConfig(), "best"),
+    "graph": Method(GraphEstimator, SamplingConfig(), "best", (*_GRAVITY, "filled box", "heading modes")),
+    "graph-bare": Method(
+        lambda: GraphEstimator(GraphConfig(sides=None), heading_modes=None, gravity=False), SamplingConfig()
+    ),
     "graph-prob2d": Method(
         lambda: GraphEstimator(GraphConfig(renderer="probabilistic")), SamplingConfig(), "best"
     ),
@@ -65,6 +70,7 @@ METHODS: dict[str, Method] = {
         lambda: GraphEstimator(GraphConfig(renderer="deterministic")), SamplingConfig(), "best"
     ),
     "ours": Method(AdamEstimator, _DENSE),
+    "ours-floor": Method(lambda: AdamEstimator(AdamConfig(standing=True)), _DENSE, given=_GRAVITY),
     "ours-det2d": Method(lambda: AdamEstimator(renderer=Deterministic()), _DENSE),
     "ours-samp2d": Method(lambda: AdamEstimator(renderer=Sampled()), _DENSE),
     "dsp-slam": Method(
