@@ -47,7 +47,7 @@ def test_together_each_is_estimated_as_if_alone(estimator):
             np.testing.assert_allclose(found.covariance.matrix, alone.covariance.matrix, rtol=1e-5)
 
 
-@pytest.mark.parametrize("name", METHODS)
+@pytest.mark.parametrize("name", [name for name in METHODS if not name.startswith("start")])
 def test_every_method_comes_nearer(name):
     one, told = task(), []
     (found,) = quick(name).estimate([one], lambda done, total: told.append((done, total)))
