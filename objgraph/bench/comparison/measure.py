@@ -267,7 +267,7 @@ def _description(estimate: Estimate) -> dict[str, object]:
 
 
 def _verdict(evaluation: BoxEvaluation) -> dict[str, object]:
-    of_box = {
+    of_box: dict[str, object] = {
         **{name: plain(value) for name, value in asdict(evaluation).items()},
         "iou_correct": evaluation.iou_correct,
     }
