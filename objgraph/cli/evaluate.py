@@ -19,6 +19,7 @@ from objgraph.bench.comparison.config import ComparisonConfig
 from objgraph.bench.comparison.methods import METHODS, method
 from objgraph.bench.comparison.object_report import calibration_report, object_report
 from objgraph.bench.comparison.report import Report
+from objgraph.bench.comparison.rgbd_boxes import rgbd_box_report
 from objgraph.bench.comparison.rows import SHARED, STARTS, contender, method_and_start
 from objgraph.bench.comparison.scan_cases import ScanSource, read_split
 from objgraph.bench.comparison.stability import compare_again
@@ -29,7 +30,7 @@ from objgraph.bench.worlds.viewpoints import VIEWS
 from objgraph.cli.progress import Progress, progress
 from objgraph.cli.suite import FIGURES, Suite, run_suite
 from objgraph.datasets.files import read_json
-from objgraph.datasets.registry import datasets
+from objgraph.datasets.registry import datasets, has_boxes
 from objgraph.errors import EvaluationError
 from objgraph.version import program_version
 
@@ -43,7 +44,7 @@ class EvaluateCommand:
     json: Path | None = None
     """File for the figures; by default `figures.json` in `out`."""
     dataset: str = SYNTHETIC
-    """`synthetic`, or a data set with ground truth: `scannet`, `kitti`."""
+    """`synthetic`, or a data set with ground truth: `scannet`, `sevenscenes`, `icl`, `kitti`."""
     methods: List = ("graph", "ours")
     """Methods, by name."""
     out: Path | None = None
@@ -99,6 +100,8 @@ class EvaluateCommand:
     """Run what failed before once more."""
     least_points: int = 50
     """Of kitti, cars with that many returns count."""
+    detector_noise: float = 1.0
+    """Of kitti, what the detections' errors are multiplied by; the graph is told the same."""
 
     @property
     def folder(self) -> Path:
@@ -133,12 +136,19 @@ def run_evaluate(command: EvaluateCommand, console: Console, line: str) -> dict[
 
 
 def _objects(command: EvaluateCommand, console: Console) -> Report:
-    """Tables I and II, or the calibration of the same rows."""
+    """Tables I and II, or the calibration of the same rows; of boxes how well they agree."""
     comparison = _comparison(command)
+    boxes = command.dataset != SYNTHETIC and has_boxes(command.dataset)
+    if boxes and (command.calibration or command.stability):
+        raise EvaluationError(
+            f"data set '{command.dataset}': --calibration and --stability are for data sets with true shapes"
+        )
     _check_writable(command.figures)
     with _running(command.folder / ROWS, console) as tell:
         rows = compare(comparison, command.jobs, command.retry_failed, program_version(), tell)
         again = compare_again(comparison, command.jobs, program_version(), tell) if command.stability else []
+    if boxes:
+        return rgbd_box_report(comparison, rows)
     return (
         calibration_report(comparison, rows)
         if command.calibration
@@ -152,10 +162,13 @@ def _boxes(command: EvaluateCommand, console: Console) -> Report:
         raise EvaluationError(f"data set '{KITTI}': --root must name its folder")
     if command.calibration:
         raise EvaluationError(f"data set '{KITTI}': --calibration is for data sets with true shapes")
+    if not 0.0 <= command.detector_noise < float("inf"):
+        raise EvaluationError(f"--detector-noise takes a number from 0 on, not {command.detector_noise}")
     _check_writable(command.figures)
     comparison = LidarComparison(
-        command.root, _methods(command), command.folder, _scans(command), command.seed, command.priors
-    )
+        command.root, _methods(command), command.folder, _scans(command), command.seed, command.priors,
+        detector_noise=command.detector_noise,
+    )  # fmt: skip
     with _running(command.folder / BOX_ROWS, console) as tell:
         rows = compare_boxes(comparison, command.jobs, command.retry_failed, program_version(), tell)
     return box_report(comparison, rows, command.least_points)

@@ -6,6 +6,8 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+import trimesh
+import trimesh.creation
 from jaxtyping import Float, Int
 
 from objgraph.observation.frames import Scan
@@ -24,6 +26,24 @@ class GroundTruth:
     faces: Int[np.ndarray, "f 3"]
     symmetry: int = 1
     """Rotations about the object's y axis that leave it the same: 1, 2, 4, or 0 for every angle."""
+
+
+@dataclass(frozen=True)
+class TrueBox(GroundTruth):
+    """An annotated box alone: its mesh is the box itself, which tells nothing of the shape in it."""
+
+    quality: str = "full"
+    """`full`, or `partial` where whoever annotated it did not see all of its sides."""
+
+    @staticmethod
+    def of(
+        T_world_object: Float[np.ndarray, "4 4"], size: Float[np.ndarray, "3"], symmetry: int, quality: str
+    ) -> "TrueBox":
+        """The box about the origin of T_world_object with these edges along the object's axes, metres."""
+        cube = trimesh.creation.box()
+        return TrueBox(
+            T_world_object, size, np.asarray(cube.vertices), np.asarray(cube.faces), symmetry, quality
+        )
 
 
 @dataclass(frozen=True)

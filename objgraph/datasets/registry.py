@@ -1,11 +1,13 @@
 """The data sets that can be mapped, by name."""
 
 import inspect
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Protocol
 
-from objgraph.datasets import folder, kitti, sample, scannet, sevenscenes, tum
+from objgraph.datasets import folder, icl, kitti, sample, scannet, sevenscenes, tum
+from objgraph.datasets.ground_truth import AnnotatedScan, TrueBox, annotated
 from objgraph.errors import DatasetError
 from objgraph.observation.frames import Scan
 from objgraph.observation.lidar.frame import LidarFrame
@@ -25,17 +27,20 @@ class Scenes(Protocol):
 
 @dataclass(frozen=True)
 class Loader:
-    """A data set's two functions."""
+    """A data set's functions."""
 
     load: Load
     scenes: Scenes
+    boxes: Callable[[Path, str], dict[int, TrueBox]] | None = None
+    """True boxes of a scan's objects by instance id, where they are the ground truth that there is."""
 
 
 _LOADERS: dict[str, Loader] = {
     "folder": Loader(folder.load, folder.scenes),
+    "icl": Loader(icl.load, icl.scenes, icl.boxes),
     "sample": Loader(sample.load, sample.scenes),
     "scannet": Loader(scannet.load, scannet.scenes),
-    "sevenscenes": Loader(sevenscenes.load, sevenscenes.scenes),
+    "sevenscenes": Loader(sevenscenes.load, sevenscenes.scenes, sevenscenes.boxes),
     "tum": Loader(tum.load, tum.scenes),
 }
 
@@ -71,6 +76,17 @@ def load_scan(dataset: str, root: Path, scene: str | None = None, **options: Any
             f"data set '{dataset}' has no option {', '.join(unknown)}; it has {', '.join(known)}"
         )
     return load(Path(root), scene, **options)
+
+
+def has_boxes(dataset: str) -> bool:
+    """Whether the data set's ground truth is boxes alone."""
+    return _loader(dataset).boxes is not None
+
+
+def load_annotated(dataset: str, root: Path, scene: str, **options: Any) -> AnnotatedScan:
+    """See `load_scan`; with all ground truth that there is, for the evaluation alone."""
+    scan, boxes = annotated(load_scan(dataset, root, scene, **options)), _loader(dataset).boxes
+    return scan if boxes is None else replace(scan, ground_truth=boxes(Path(root), scene))
 
 
 def load_lidar_frame(dataset: str, root: Path, frame: str | None = None) -> LidarFrame:

@@ -11,6 +11,7 @@ import numpy as np
 from objgraph.bench.comparison.box_matching import LabelledBox, MatchConfig, heading_between_deg, matches
 from objgraph.bench.comparison.box_rows import DETECTIONS, BoxRow
 from objgraph.bench.comparison.config import find_prior, settings_of
+from objgraph.bench.comparison.detector_noise import scaled
 from objgraph.bench.comparison.methods import METHODS, Clock, estimated, method
 from objgraph.bench.comparison.store import Tell, complete, digest, plain
 from objgraph.bench.metrics.placed import PlacedMesh
@@ -51,6 +52,8 @@ class LidarComparison:
     task: LidarTaskConfig = field(default_factory=LidarTaskConfig)
     match: MatchConfig = field(default_factory=MatchConfig)
     mesh_resolution: int = 64
+    detector_noise: float = 1.0
+    """What the errors of the detections are multiplied by before anyone sees them (see `detector_noise.scaled`)."""
 
     @property
     def rows_of(self) -> tuple[str, ...]:
@@ -116,6 +119,7 @@ def row_settings(comparison: LidarComparison, name: str) -> dict[str, Any]:
         "data": {"root": str(comparison.root.resolve())},
         "match": asdict(comparison.match),
         "seed": comparison.seed,
+        "detector_noise": comparison.detector_noise,
     }
     if name == DETECTIONS:
         return common
@@ -154,7 +158,9 @@ def measure(job: FrameJob) -> Iterator[BoxRow]:
         for i, box in enumerate(load_labels(comparison.root, job.frame), 1)
         if box.type in CATEGORIES
     ]
+    # by the detections as they are: with any noise the same objects are compared
     matched = matches(frame.detections, labels, comparison.match)
+    frame = replace(frame, detections=scaled(frame.detections, matched, comparison.detector_noise))
     rows = {
         each.id: _with_label(replace(blank, detection=each.id, category=each.category), frame, matched)
         for each in frame.detections

@@ -42,7 +42,7 @@ def box_report(comparison: LidarComparison, rows: Sequence[BoxRow], least: int) 
         chosen,
         entries,
         pairs,
-        tables(entries, pairs, least),
+        tables(entries, pairs, least, _noise(comparison)),
         {
             "least_points": least,
             "detections": {
@@ -54,11 +54,17 @@ def box_report(comparison: LidarComparison, rows: Sequence[BoxRow], least: int) 
         },
         "objects",
         MEASURED,
-        {"iou.png": lambda path: iou_plot(chosen, methods, least, path)},
+        {"iou.png": lambda path: iou_plot(chosen, methods, least, path, _noise(comparison))},
     )
 
 
-def tables(entries: Sequence[Entry], pairs: Sequence[Entry], least: int) -> list[Grid]:
+def _noise(comparison: LidarComparison) -> str:
+    """What a title says of detections that are not as they were."""
+    factor = comparison.detector_noise
+    return "" if factor == 1.0 else f", {factor:g} times the detections' noise"
+
+
+def tables(entries: Sequence[Entry], pairs: Sequence[Entry], least: int, noise: str = "") -> list[Grid]:
     """Table III beside the published rows, differences on the same objects, then the first by returns and by distance."""
     ours = [[Cell(published.label(e["method"])), *_cells(e), _seconds(e)] for e in entries]
     theirs = [
@@ -75,7 +81,7 @@ def tables(entries: Sequence[Entry], pairs: Sequence[Entry], least: int) -> list
     )
     header = ("Methods", *_NAMES, "time (s)")
     sections = tuple(tuple(map(tuple, ranked(rows))) for rows in (ours, theirs))
-    whole = Grid("Table III: boxes of single scans", header, sections, caption)
+    whole = Grid(f"Table III: boxes of single scans{noise}", header, sections, caption)
     differences = tuple(
         (Cell(f"{e['a']} - {e['b']}"), Cell(str(e["n"])), Cell(ranged(e, "mean_iou", 1, 3, 2))) for e in pairs
     )
@@ -87,7 +93,7 @@ def tables(entries: Sequence[Entry], pairs: Sequence[Entry], least: int) -> list
     ]
 
 
-def iou_plot(rows: Sequence[BoxRow], methods: Sequence[str], least: int, path: Path) -> None:
+def iou_plot(rows: Sequence[BoxRow], methods: Sequence[str], least: int, path: Path, noise: str = "") -> None:
     """IoU of every object against the returns in its box and against its distance, a colour a method."""
     figure = Figure(figsize=(11, 4.6), dpi=110, layout="constrained")
     axes = figure.subplots(1, 2, sharey=True)
@@ -108,7 +114,7 @@ def iou_plot(rows: Sequence[BoxRow], methods: Sequence[str], least: int, path: P
     figure.legend(
         *axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=min(len(methods), 6)
     )
-    figure.suptitle(f"KITTI, objects with {least} returns or more", fontsize=11)
+    figure.suptitle(f"KITTI, objects with {least} returns or more{noise}", fontsize=11)
     finish(figure, None, None, path)
 
 

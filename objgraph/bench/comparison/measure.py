@@ -19,11 +19,11 @@ from objgraph.bench.comparison.starts import Start, find_start
 from objgraph.bench.comparison.store import plain
 from objgraph.bench.comparison.uncertainty import surface_errors
 from objgraph.bench.metrics.box_error import box_error
-from objgraph.bench.metrics.metrics import Evaluation, evaluate_object
+from objgraph.bench.metrics.metrics import BoxEvaluation, Evaluation, evaluate_box, evaluate_object
 from objgraph.bench.metrics.placed import PlacedMesh
 from objgraph.bench.worlds.photograph import MEASURED
 from objgraph.covariance.box import box_pose
-from objgraph.datasets.ground_truth import AnnotatedScan, GroundTruth
+from objgraph.datasets.ground_truth import AnnotatedScan, GroundTruth, TrueBox
 from objgraph.errors import InitialisationError, ObjectGraphError, ObservationError, SolveError
 from objgraph.estimate.task import Estimate, EstimationTask
 from objgraph.maps.pipeline import scene_floor
@@ -179,9 +179,7 @@ def _estimated(
         placed = PlacedMesh(
             "the estimate", state.T_world_object.matrix(), state.scale, vertices, np.asarray(mesh.faces)
         )
-        evaluation = evaluate_object(
-            placed.T_world_object, placed.scale, placed.vertices, placed.faces, seen.truth, config.seed
-        )
+        evaluation = _evaluation(placed, seen.truth, config.seed)
         covered = {} if estimate.covariance is None else _uncertainty(estimate, mesh, seen, config)
     except ObjectGraphError as error:
         return replace(row, failure=str(error))
@@ -189,29 +187,37 @@ def _estimated(
     return replace(row, **_verdict(evaluation), **box, **covered)
 
 
+def _evaluation(placed: PlacedMesh, truth: GroundTruth, seed: int) -> BoxEvaluation:
+    if isinstance(truth, TrueBox):
+        return evaluate_box(placed, truth)
+    return evaluate_object(placed.T_world_object, placed.scale, placed.vertices, placed.faces, truth, seed)
+
+
 def _uncertainty(
     estimate: Estimate, mesh: trimesh.Trimesh, seen: _Seen, config: ComparisonConfig
 ) -> dict[str, object]:
     """What the covariance says of surface and box, beside how wrong they are."""
     assert estimate.covariance is not None
-    points, seed = config.surface_points, config.seed
-    errors = surface_errors(seen.prior, estimate.state, estimate.covariance, seen.truth, points, seed)
-    kept = errors.some(config.kept_points, config.seed)
     box = box_pose(
         seen.prior, estimate.state, estimate.covariance, np.asarray(mesh.vertices),
         turns=estimate.turns, view_cost=estimate.view_cost,
     )  # fmt: skip
-    off = box_error(box, seen.truth)
-    return {
+    of_box = {
+        "box_error": plain(box_error(box, seen.truth).tangent),
+        "box_covariance": plain(box.covariance.matrix),
+    }
+    if isinstance(seen.truth, TrueBox):
+        return of_box
+    points, seed = config.surface_points, config.seed
+    errors = surface_errors(seen.prior, estimate.state, estimate.covariance, seen.truth, points, seed)
+    kept = errors.some(config.kept_points, config.seed)
+    return of_box | {
         "pearson": errors.pearson,
         "pearson_binned": errors.pearson_binned,
         "spearman": errors.spearman,
         "surface_error": plain(kept.error.round(6)),
         "surface_sigma": plain(kept.sigma.round(6)),
         "surface_residual": float(seen.prior.residual_sigma * np.mean(errors.metres)),
-        "box_error": plain(off.tangent),
-        "box_covariance": plain(box.covariance.matrix),
-        "heading_error_deg": off.heading_deg,
     }
 
 
@@ -223,6 +229,7 @@ def _with_truth(row: ObjectRow, seen: _Seen) -> ObjectRow:
         truth_T_world_object=plain(seen.truth.T_world_object),
         truth_scale=plain(seen.truth.scale),
         truth_symmetry=seen.truth.symmetry,
+        quality=seen.truth.quality if isinstance(seen.truth, TrueBox) else None,
         **_conditions(seen),
     )
 
@@ -259,11 +266,15 @@ def _description(estimate: Estimate) -> dict[str, object]:
     }
 
 
-def _verdict(evaluation: Evaluation) -> dict[str, object]:
-    correct = evaluation.pose_correct and evaluation.iou_correct and evaluation.chamfer_correct
-    return {
+def _verdict(evaluation: BoxEvaluation) -> dict[str, object]:
+    of_box: dict[str, object] = {
         **{name: plain(value) for name, value in asdict(evaluation).items()},
         "iou_correct": evaluation.iou_correct,
+    }
+    if not isinstance(evaluation, Evaluation):
+        return of_box
+    correct = evaluation.pose_correct and evaluation.iou_correct and evaluation.chamfer_correct
+    return of_box | {
         "chamfer_correct": evaluation.chamfer_correct,
         "well_reconstructed": correct and evaluation.chamfer_m < WELL_CHAMFER_M,
     }

@@ -112,6 +112,8 @@ class ObjectRow:
     truth_T_world_object: Matrix = None
     truth_scale: Numbers = None
     truth_symmetry: int | None = None
+    quality: str | None = None
+    """Of a truth that is a box alone: `full`, or `partial` where not all of its sides were seen."""
     surface_error: Numbers = None
     """|SDF|, metres, at some points of the true surface."""
     surface_sigma: Numbers = None

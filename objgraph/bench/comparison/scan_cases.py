@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from objgraph.datasets.ground_truth import AnnotatedScan, GroundTruth, annotated
-from objgraph.datasets.registry import load_scan, scenes
+from objgraph.datasets.ground_truth import AnnotatedScan, GroundTruth, TrueBox
+from objgraph.datasets.registry import load_annotated, scenes
 from objgraph.errors import DatasetError
 from objgraph.observation.frames import Instance
 from objgraph.observation.view_selection import ViewIndex, ViewSelectionConfig, summarize
@@ -101,7 +101,9 @@ class ScanSource:
         return instance.category in self.categories and instance.id in scan.ground_truth
 
     def _case(self, scene: str, instance: Instance, truths: Mapping[int, GroundTruth]) -> ScanCase:
-        shape = mesh_digest(truths[instance.id])
+        truth = truths[instance.id]
+        # a box does not tell which objects are of one model
+        shape = f"{scene}/{instance.id}" if isinstance(truth, TrueBox) else mesh_digest(truth)
         return ScanCase(self.dataset, self.root, scene, instance, shape, self.options, self.view)
 
 
@@ -130,7 +132,7 @@ def mesh_digest(truth: GroundTruth) -> str:
 
 @lru_cache(maxsize=2)
 def _scan(dataset: str, root: Path, scene: str, options: Options) -> AnnotatedScan:
-    return annotated(load_scan(dataset, root, scene, **dict(options)))
+    return load_annotated(dataset, root, scene, **dict(options))
 
 
 @lru_cache(maxsize=2)

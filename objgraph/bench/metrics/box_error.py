@@ -18,8 +18,6 @@ class BoxError:
 
     tangent: Float[np.ndarray, "9"]
     """Over `BOX_AXES`: rotation (rad) and centre (m) in the estimate's frame, logarithms of the extents' ratios."""
-    heading_deg: float
-    """How far the object is turned about its up axis, after the symmetry that leaves the least."""
 
 
 def box_error(box: BoxPose, truth: GroundTruth) -> BoxError:
@@ -41,8 +39,7 @@ def box_error(box: BoxPose, truth: GroundTruth) -> BoxError:
         rotation[1] = 0.0
     centre = R_world_box.T @ (placed.centre_world - box.T_world_box.translation())
     extents = np.log(align_extents(placed.extents, yaw) / box.extents)
-    heading = np.degrees(np.arctan2(R[0, 2] - R[2, 0], R[0, 0] + R[2, 2]))
-    return BoxError(np.concatenate([rotation, centre, extents]), float(abs(heading)))
+    return BoxError(np.concatenate([rotation, centre, extents]))
 
 
 def corners_m(box: BoxPose, error: BoxError) -> float:

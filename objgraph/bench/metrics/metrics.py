@@ -1,6 +1,6 @@
 """The paper's metrics of one reconstructed object against its ground truth."""
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -19,8 +19,8 @@ CHAMFER_LIMIT_M = 0.2
 
 
 @dataclass(frozen=True)
-class Evaluation:
-    """How well one object was reconstructed."""
+class BoxEvaluation:
+    """How well one object's box was found."""
 
     pose_correct: bool
     """Translation, rotation and mean scale are all within their limits."""
@@ -28,12 +28,25 @@ class Evaluation:
     """Distance of the centres of the two oriented boxes."""
     rotation_deg: float
     """Rotation error modulo the ground truth's symmetry about its y axis."""
+    heading_error_deg: float
+    """How far the object is turned about its up axis, after the symmetric turn that leaves the least."""
     scale_pct: float
     """Deviation from one of the mean ratio of metric extents, percent."""
     scale_pct_max: float
     """The same of the worst axis."""
     box_iou: float
     """Intersection over union of the oriented boxes; the boxes are not turned by the symmetry."""
+
+    @property
+    def iou_correct(self) -> bool:
+        """The paper's IoU > 0.25, of oriented boxes."""
+        return self.box_iou > IOU_LIMIT
+
+
+@dataclass(frozen=True)
+class Evaluation(BoxEvaluation):
+    """How well one object was reconstructed."""
+
     volume_iou: float
     """Intersection over union of the solids; see `objgraph.bench.metrics.shape.volume_iou`."""
     chamfer_m: float
@@ -42,14 +55,21 @@ class Evaluation:
     """Share of the true surface within 2 cm of the estimated one."""
 
     @property
-    def iou_correct(self) -> bool:
-        """The paper's IoU > 0.25, of oriented boxes."""
-        return self.box_iou > IOU_LIMIT
-
-    @property
     def chamfer_correct(self) -> bool:
         """The paper's CD < 0.2 m."""
         return self.chamfer_m < CHAMFER_LIMIT_M
+
+
+def evaluate_box(estimate: PlacedMesh, truth: GroundTruth) -> BoxEvaluation:
+    """Measure the box about an estimate.
+
+    Raises `EvaluationError` where the truth cannot be measured (see `evaluate_object`).
+    """
+    target = PlacedMesh.of_truth(truth)
+    pose = pose_error(estimate, target, truth.symmetry)
+    return BoxEvaluation(
+        pose_correct=_pose_correct(pose), box_iou=box_iou(estimate.box, target.box), **asdict(pose)
+    )
 
 
 def evaluate_object(
@@ -67,15 +87,9 @@ def evaluate_object(
     """
     estimate = PlacedMesh("the estimate", np.asarray(T_world_object), np.asarray(scale), vertices, faces)
     target = PlacedMesh.of_truth(truth)
-    pose = pose_error(estimate, target, truth.symmetry)
     chamfer, recall = surface_errors(estimate, target, seed)
     return Evaluation(
-        pose_correct=_pose_correct(pose),
-        translation_m=pose.translation_m,
-        rotation_deg=pose.rotation_deg,
-        scale_pct=pose.scale_pct,
-        scale_pct_max=pose.scale_pct_max,
-        box_iou=box_iou(estimate.box, target.box),
+        **asdict(evaluate_box(estimate, truth)),
         volume_iou=volume_iou(estimate, target),
         chamfer_m=chamfer,
         recall=recall,

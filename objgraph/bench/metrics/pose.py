@@ -20,6 +20,8 @@ class PoseError:
     """Distance of the centres of the two oriented boxes."""
     rotation_deg: float
     """Angle between the two frames, the smallest over the rotations that the symmetry class allows."""
+    heading_error_deg: float
+    """How far the estimate is then turned about its up axis; 0 for the continuous class."""
     scale_pct: float
     """Deviation from one of the mean, over the three axes, of the ratio of metric extents, in percent."""
     scale_pct_max: float
@@ -37,6 +39,7 @@ def pose_error(estimate: PlacedMesh, truth: PlacedMesh, symmetry: int = 1) -> Po
     return PoseError(
         translation_m=float(np.linalg.norm(estimate.centre_world - truth.centre_world)),
         rotation_deg=float(np.rad2deg(rotation)),
+        heading_error_deg=float(np.rad2deg(abs(_yaw(rotation_y(-yaw) @ R)))),
         scale_pct=float(100 * abs(ratio.mean() - 1)),
         scale_pct_max=float(100 * np.abs(ratio - 1).max()),
     )
@@ -55,8 +58,7 @@ def rotation_error(R_truth_estimate: Float[np.ndarray, "3 3"], symmetry: int) ->
 
 def _symmetric_yaws(R: np.ndarray, symmetry: int) -> list[float]:
     if symmetry == CONTINUOUS:
-        # maximises the trace of Ry(-yaw) R
-        return [float(np.arctan2(R[0, 2] - R[2, 0], R[0, 0] + R[2, 2]))]
+        return [_yaw(R)]
     if symmetry not in (1, 2, 4):
         raise EvaluationError(f"symmetry class {symmetry} is none of 1, 2, 4 and 0 (every angle)")
     return [2 * np.pi * k / symmetry for k in range(symmetry)]
@@ -71,6 +73,11 @@ def align_extents(extents: Float[np.ndarray, "3"], yaw: float) -> Float[np.ndarr
 def rotation_y(angle: float) -> Float[np.ndarray, "3 3"]:
     c, s = np.cos(angle), np.sin(angle)
     return np.array([[c, 0, s], [0, 1, 0], [-s, 0, c]])
+
+
+def _yaw(R: Float[np.ndarray, "3 3"]) -> float:
+    """The rotation about y that is nearest: it maximises the trace of Ry(-yaw) R."""
+    return float(np.arctan2(R[0, 2] - R[2, 0], R[0, 0] + R[2, 2]))
 
 
 def _angle(R: Float[np.ndarray, "3 3"]) -> float:

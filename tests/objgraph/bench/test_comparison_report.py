@@ -159,7 +159,7 @@ def test_bins_hold_equally_many_points():
         (["--methods", "graph", "graph"], "--methods names graph twice"),
         (
             ["--dataset", "nope"],
-            "no data set 'nope'; available: synthetic, kitti, folder, sample, scannet, sevenscenes",
+            "no data set 'nope'; available: synthetic, kitti, folder, icl, sample, scannet, sevenscenes",
         ),
         (["--dataset", "scannet"], "data set 'scannet': --root must name its folder"),
         (["--dataset", "scannet", "--root", "{}"], "holds no folder scans/"),

@@ -49,7 +49,6 @@ def test_the_error_is_the_tangent_that_leads_to_the_truth(seed, symmetry, turns)
     )
     found = box_error(BoxPose(estimate, EXTENTS, COVARIANCE), ground)
     np.testing.assert_allclose(found.tangent, tangent, atol=1e-9)
-    assert found.heading_deg < 15
 
 
 def test_the_truths_centre_is_its_boxs():
@@ -78,7 +77,3 @@ def test_a_round_object_has_no_heading():
     turned = gtsam.Pose3(pose.rotation().compose(gtsam.Rot3.Ry(1.0)), pose.translation())
     found = box_error(BoxPose(turned, EXTENTS, COVARIANCE), truth(pose, 0))
     np.testing.assert_allclose(found.tangent[:6], 0.0, atol=1e-9)
-    assert found.heading_deg == pytest.approx(0.0, abs=1e-6)
-    assert box_error(BoxPose(turned, EXTENTS, COVARIANCE), truth(pose, 1)).heading_deg == pytest.approx(
-        np.degrees(1.0)
-    )

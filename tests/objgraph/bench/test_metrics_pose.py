@@ -166,3 +166,17 @@ def test_what_cannot_be_measured_is_refused(change, message):
 def test_vertices_without_a_face_are_not_part_of_the_box():
     vertices = np.vstack([BOX.vertices, [[9.0, 9.0, np.nan]]])
     assert placed(vertices=vertices).extents == pytest.approx(BOX.extents)
+
+
+@pytest.mark.parametrize(
+    ("symmetry", "degrees", "expected"),
+    [(1, 170, 170), (2, 170, 10), (2, -100, 80), (4, 100, 10), (0, 123, 0)],
+)
+def test_the_heading_is_modulo_symmetry_and_of_the_up_axis_alone(symmetry, degrees, expected):
+    tilted = rigid(rotvec=(np.deg2rad(3), 0, 0))
+    assert pose_error(placed(yaw(degrees)), placed(), symmetry).heading_error_deg == pytest.approx(
+        expected, abs=1e-6
+    )
+    error = pose_error(placed(yaw(degrees) @ tilted), placed(), symmetry)
+    assert error.heading_error_deg == pytest.approx(expected, abs=0.2)
+    assert error.rotation_deg == pytest.approx(np.hypot(expected, 3), abs=0.3) or expected > 20

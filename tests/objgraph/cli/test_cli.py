@@ -19,7 +19,7 @@ from objgraph.priors.store import save_prior
         (["--dataset", "nope"], "data set 'nope': --root must name its folder"),
         (
             ["--dataset", "nope", "--root", "."],
-            "no data set 'nope'; available: folder, sample, scannet, sevenscenes",
+            "no data set 'nope'; available: folder, icl, sample, scannet, sevenscenes",
         ),
         ([], "no data set: --dataset must name one"),
         (["--config", "{}/absent.json"], "{}/absent.json: not a readable JSON file"),
