@@ -82,9 +82,7 @@ class GaussNewtonEstimator:
             state = state.retract(step)
         return Estimate(state, None, costs[0], costs[-1], config.iterations + 1, 0)
 
-    def _step(
-        self, H: Float[np.ndarray, "d d"], gradient: Float[np.ndarray, "d"]
-    ) -> Float[np.ndarray, "d"]:
+    def _step(self, H: Float[np.ndarray, "d d"], gradient: Float[np.ndarray, "d"]) -> Float[np.ndarray, "d"]:
         """The damped solution along what may move; NaN where there is none."""
         along = np.eye(len(H))
         if self.config.one_scale:
