@@ -8,7 +8,7 @@ import logging
 import time
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, TypeVar
+from typing import Any
 
 from factors.gaussian_depth import Deterministic, Sampled, Uncentred
 from factors.rendering import Renderer
@@ -36,23 +36,23 @@ class Method:
     """What it is told beyond views, prior and start."""
 
 
-_Gradient = TypeVar("_Gradient", AdamEstimator, GaussNewtonEstimator)
-_Change = Callable[[_Gradient], _Gradient]
+_Change = Callable[[Any], Any]
+"""From an estimator to one with other settings."""
 
 
-def _set(**changes: Any) -> _Change[Any]:
+def _set(**changes: Any) -> _Change:
     return lambda estimator: replace(estimator, config=replace(estimator.config, **changes))
 
 
-def _step(**changes: Any) -> _Change[Any]:
+def _step(**changes: Any) -> _Change:
     return lambda estimator: _set(steps=replace(estimator.config.steps, **changes))(estimator)
 
 
-def _render(renderer: Renderer) -> _Change[AdamEstimator]:
+def _render(renderer: Renderer) -> _Change:
     return lambda estimator: replace(estimator, renderer=renderer)
 
 
-_RELEASED_OURS: dict[str, _Change[AdamEstimator]] = {
+_RELEASED_OURS: dict[str, _Change] = {
     "code-weight": _set(code_weight=3000.0),
     "clipping": _set(clip=0.1),
     "depth-variance": _render(Uncentred()),
@@ -61,9 +61,9 @@ _RELEASED_OURS: dict[str, _Change[AdamEstimator]] = {
     "first-view-depths": _step(first_view_depths=True),
 }
 """Each way in which the released program differs from `ours`."""
-_RELEASED_DET2D: dict[str, _Change[AdamEstimator]] = {"squared": _render(Deterministic(squared_up_to=0.3))}
+_RELEASED_DET2D: dict[str, _Change] = {"squared": _render(Deterministic(squared_up_to=0.3))}
 """... and from `ours-det2d` in place of the depth's variance."""
-_RELEASED_GN: dict[str, _Change[GaussNewtonEstimator]] = {
+_RELEASED_GN: dict[str, _Change] = {
     "damping": _set(damping=1.0),
     "huber": _set(huber=0.05),
     "iterations": _set(iterations=10),
@@ -74,10 +74,10 @@ _RELEASED_GN: dict[str, _Change[GaussNewtonEstimator]] = {
 begin is not known here; the numbers are ours."""
 
 
-def _released(start: _Gradient, changes: Iterable[_Change[_Gradient]]) -> _Gradient:
+def _released(estimator: Estimator, changes: Iterable[_Change]) -> Estimator:
     for change in changes:
-        start = change(start)
-    return start
+        estimator = change(estimator)
+    return estimator
 
 
 def _det2d() -> AdamEstimator:
