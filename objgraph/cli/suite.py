@@ -25,7 +25,7 @@ _OWN = "start@own,start-7dof@own,graph-bare@own,ours@own,dsp-slam@own,node-slam@
 _EFFECTS = (
     "ours,ours-released,ours+code-weight,ours+clipping,ours+depth-variance,ours+band,ours+world-scale,"
     "ours+first-view-depths,ours-det2d,ours-det2d-released,ours-det2d+squared,dsp-slam-gn,dsp-slam-gn-released,"
-    "dsp-slam-gn+damping,dsp-slam-gn+huber,dsp-slam-gn+7dof,dsp-slam-gn+one-view"
+    "dsp-slam-gn+damping,dsp-slam-gn+huber,dsp-slam-gn+iterations,dsp-slam-gn+7dof,dsp-slam-gn+one-view"
 )
 _RATES = ("Rates with", "Medians", "Table II")
 

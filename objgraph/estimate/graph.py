@@ -24,16 +24,19 @@ class GraphEstimator:
     heading_modes: HeadingModesConfig | None = field(default_factory=HeadingModesConfig)
     """None takes the heading that was found as the only one."""
     gravity: bool = True
-    """Whether it is told which way is up and where the floor is."""
+    """Whether it is told where up and the floor are; without, no object need be upright or stand."""
 
     def estimate(
         self, tasks: Sequence[EstimationTask], progress: Callable[[int, int], None] | None = None
     ) -> list[Estimate | SolveError]:
         """See `Estimator`; all objects decode together."""
         refused = [unusable(task) for task in tasks]
-        usable = [task for task, reason in zip(tasks, refused, strict=True) if reason is None]
+        usable = [self._told(task) for task, reason in zip(tasks, refused, strict=True) if reason is None]
         found = iter(self._solved(usable, progress))
         return [next(found) if reason is None else reason for reason in refused]
+
+    def _told(self, task: EstimationTask) -> EstimationTask:
+        return task if self.gravity else replace(task, up_world=None, floor=None)
 
     def _solved(
         self, tasks: Sequence[EstimationTask], progress: Callable[[int, int], None] | None
@@ -50,8 +53,9 @@ class GraphEstimator:
         return [attempt.estimate(last) for attempt in attempts]
 
     def _single(self, task: EstimationTask, start: ObjectState) -> SingleObject:
-        known = (task.up_world, task.floor) if self.gravity else (None, None)
-        return ObjectBuilder(self.graph, *known).alone(task.prior, start, task.views, task.box)
+        return ObjectBuilder(self.graph, task.up_world, task.floor).alone(
+            task.prior, start, task.views, task.box
+        )
 
     def _turn(self, attempts: Sequence["_Attempts"], config: HeadingModesConfig) -> None:
         """Solve to the end what costs less turned, take it where it still does by enough, and say how likely other headings are."""

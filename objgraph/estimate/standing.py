@@ -1,50 +1,45 @@
-"""What the graph knows of floor and gravity, as a term of a loss that is descended: the graph's own factors."""
+"""What is known of up and of the floor, for an estimator that follows gradients: the graph's own factors."""
 
 import gtsam
 import numpy as np
-import torch
 from jaxtyping import Float
-from torch import Tensor
 
-from factors.state import POSE_DOF, RIGID_DOF, ObjectState
+from factors.base import Annealing
+from factors.priors import upright_prior
+from factors.state import RIGID_DOF, ObjectState
 from objgraph.estimate.task import EstimationTask
-from objgraph.graph.builder import ObjectBuilder
+from objgraph.graph.builder import GraphConfig, ObjectBuilder
 from objgraph.graph.single_object import ALONE
-
-_COLUMNS = {
-    ALONE.pose: slice(0, POSE_DOF),
-    ALONE.log_scale: slice(POSE_DOF, RIGID_DOF),
-    ALONE.code: slice(RIGID_DOF, None),
-}
 
 
 class Standing:
-    """The upright prior and the floor's factor of one object, with the weights that the graph gives them."""
+    """The upright prior and, where the floor is known, the floor factor of one object, as `GraphConfig` weighs them."""
 
-    def __init__(self, task: EstimationTask) -> None:
-        builder = ObjectBuilder(up_world=task.up_world, floor=task.floor)
-        self._floor = builder.standing(task.prior, ALONE)
-        self._factors = [builder.upright(ALONE), *(factor.gtsam_factor() for factor in self._floor)]
+    def __init__(self, task: EstimationTask, slope: float) -> None:
+        """`slope` is the occupancy's, 1/metres."""
+        graph = GraphConfig()
+        self._annealing = Annealing(slope)
+        self._floor = ObjectBuilder(graph, task.up_world, task.floor).standing(task.prior, ALONE)
+        self.factors: list[gtsam.NonlinearFactor] = [factor.gtsam_factor() for factor in self._floor]
+        if task.up_world is not None:
+            self.factors.append(upright_prior(ALONE, task.up_world, graph.upright_sigma))
 
     def refresh(self, state: ObjectState) -> None:
-        """Freeze the floor's rays where the object is."""
+        """Choose the floor's rays and their samples where the object is."""
+        values = _values(state)
         for factor in self._floor:
-            factor.refresh(_values(state))
+            factor.refresh(values, self._annealing)
 
-    def loss(self, state: ObjectState, delta: Float[Tensor, "d"]) -> Float[Tensor, ""]:
-        """Half the squared residuals, linear in how far the state moves; gradient at zero as that of the factors."""
-        values, loss = _values(state), delta.new_zeros(())
-        for factor in self._factors:
-            linear = gtsam.JacobianFactor(factor.linearize(values))
-            A, column = np.zeros((linear.rows(), len(delta))), 0
-            blocks = linear.getA()
-            for key in list(linear.keys()):
-                to = A[:, _COLUMNS[key]]
-                to[:] = blocks[:, column : column + to.shape[1]]
-                column += to.shape[1]
-            residual = torch.as_tensor(A).to(delta) @ delta - torch.as_tensor(linear.getb()).to(delta)
-            loss = loss + 0.5 * residual.square().sum()
-        return loss
+    def linearize(self, state: ObjectState) -> tuple[Float[np.ndarray, "m d"], Float[np.ndarray, "m"]]:
+        """A and b with which half the square of A delta - b is the factors' error about the state, all its axes."""
+        values = _values(state)
+        A, b = [np.zeros((0, len(state.code) + RIGID_DOF))], [np.zeros(0)]
+        for factor in self.factors:
+            rows, right = factor.linearize(values).jacobian()
+            # the keys of each begin with the pose and go on in the state's order
+            A.append(np.pad(rows, ((0, 0), (0, A[0].shape[1] - rows.shape[1]))))
+            b.append(right)
+        return np.concatenate(A), np.concatenate(b)
 
 
 def _values(state: ObjectState) -> gtsam.Values:
