@@ -12,7 +12,7 @@ from objgraph.bench.comparison.box_matching import LabelledBox, MatchConfig, hea
 from objgraph.bench.comparison.box_rows import DETECTIONS, BoxRow
 from objgraph.bench.comparison.config import find_prior, settings_of
 from objgraph.bench.comparison.detector_noise import scaled
-from objgraph.bench.comparison.methods import METHODS, Clock, estimated, method
+from objgraph.bench.comparison.methods import Clock, estimated, method
 from objgraph.bench.comparison.store import Tell, complete, digest, plain
 from objgraph.bench.metrics.placed import PlacedMesh
 from objgraph.covariance.box import box_pose
@@ -252,7 +252,7 @@ def _with_box(row: BoxRow, box: OrientedBox, label: LabelledBox | None) -> BoxRo
 
 def _task_config(comparison: LidarComparison, name: str) -> LidarTaskConfig:
     """The graph's sampling is the comparison's; the others sample as densely as they are meant to."""
-    if isinstance(METHODS[name].estimator(), GraphEstimator):
+    if isinstance(method(name).estimator(), GraphEstimator):
         return comparison.task
     dense = replace(comparison.task.sampling, points=_DENSE.points, free=_DENSE.free)
     return replace(comparison.task, sampling=dense)
