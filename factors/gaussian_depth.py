@@ -16,6 +16,7 @@ from factors.occupancy import (
     quadrature_moments,
     sobol_moments,
     total_depth_variance,
+    uncentred_depth_variance,
 )
 from factors.rendering import RaySamples, RenderedRows
 from factors.score import energy_score, majorizing_weight
@@ -41,10 +42,14 @@ class GaussianDepth(ABC):
     ) -> Float[Tensor, "r"]:
         """Variance of the rendered depth, square metres."""
 
+    def ray_variance(self, samples: RaySamples, moments: OccupancyMoments) -> Float[Tensor, "r"]:
+        """`depth_variance` of some rays."""
+        return self.depth_variance(moments, samples.cells.depth, samples.escape)
+
     def freeze(self, samples: RaySamples) -> Float[Tensor, "r"]:
         """See `Renderer`; the sensor's own variance is added."""
         moments = self.occupancy(samples.sdf, samples.sdf_sigma, samples.slope)
-        variance = self.depth_variance(moments, samples.cells.depth, samples.escape)
+        variance = self.ray_variance(samples, moments)
         return (variance + samples.targets.sigma**2).sqrt()
 
     def render(self, samples: RaySamples, spread: Float[Tensor, "r"]) -> RenderedRows:
@@ -75,7 +80,7 @@ class GaussianDepth(ABC):
         """See `Renderer`; as in the paper the sensor is taken to be exact."""
         depth, moments = samples.cells.depth, self.occupancy(samples.sdf, samples.sdf_sigma, samples.slope)
         error, counts = _error(depth_mean(moments.mean, depth, samples.escape), samples)
-        variance = self.depth_variance(moments, depth, samples.escape)
+        variance = self.ray_variance(samples, moments)
         return counts * energy_score(error, variance.clamp_min(_LEAST_SPREAD**2).sqrt())
 
 
@@ -111,6 +116,27 @@ class Probabilistic(GaussianDepth):
 
 
 @dataclass(frozen=True)
+class Uncentred(Probabilistic):
+    """The released program's: `uncentred_depth_variance`, from draws that all samples share, about the paper's mean.
+
+    `variance` is then of no account.
+    """
+
+    moments: Literal["quadrature", "sobol"] = "sobol"
+    """Of the mean."""
+    draws: int = 128
+
+    def ray_variance(self, samples: RaySamples, moments: OccupancyMoments) -> Float[Tensor, "r"]:
+        """None where a ray is certain all along."""
+        some = (samples.sdf_sigma > 0).any(dim=1)
+        variance = uncentred_depth_variance(
+            samples.sdf[some], samples.sdf_sigma[some], samples.slope,
+            samples.cells.depth[some], samples.escape[some], self.draws,
+        )  # fmt: skip
+        return torch.zeros_like(samples.escape).masked_scatter(some, variance)
+
+
+@dataclass(frozen=True)
 class Sampled(GaussianDepth):
     """NodeSLAM's (Sucar et al., 3DV 2020): the spread of where the ray may end, of an SDF taken to be certain."""
 
@@ -128,6 +154,18 @@ class Sampled(GaussianDepth):
 @dataclass(frozen=True)
 class Deterministic(GaussianDepth):
     """DSP-SLAM's (Wang et al., 3DV 2021): the expected depth alone."""
+
+    squared_up_to: float | None = None
+    """Square metres: the score that is followed is the squared error, no more than this (the released program); None
+    follows the absolute error. `freeze` and `render` do not know it."""
+
+    def score(self, samples: RaySamples) -> Float[Tensor, "r"]:
+        """See `Renderer`."""
+        if self.squared_up_to is None:
+            return super().score(samples)
+        moments = self.occupancy(samples.sdf, samples.sdf_sigma, samples.slope)
+        error, counts = _error(depth_mean(moments.mean, samples.cells.depth, samples.escape), samples)
+        return counts * error.square().clamp_max(self.squared_up_to)
 
     def occupancy(self, sdf: Tensor, sdf_sigma: Tensor, slope: float) -> OccupancyMoments:
         """Of the SDF's mean alone."""

@@ -48,9 +48,7 @@ def sobol_moments(
     mu: Float[Tensor, "..."], sigma: Float[Tensor, "..."], slope: float, samples: int = 128
 ) -> OccupancyMoments:
     """The paper's moments: quasi-Monte Carlo with the inverse transform on Sobol points."""
-    engine = torch.quasirandom.SobolEngine(1, scramble=True, seed=0)
-    u = engine.draw(samples, dtype=torch.float64).to(mu)[:, 0].clamp(1e-7, 1 - 1e-7)
-    o = occupancy_quantile(u, mu[..., None], sigma[..., None], slope)
+    o = occupancy_quantile(_sobol(samples, mu), mu[..., None], sigma[..., None], slope)
     return OccupancyMoments(o.mean(dim=-1), o.square().mean(dim=-1))
 
 
@@ -99,6 +97,28 @@ def total_depth_variance(
     return (probability * (depth - mean[:, None]) ** 2).sum(dim=1) + escaped * (escape - mean) ** 2
 
 
+def uncentred_depth_variance(
+    mu: Float[Tensor, "r k"],
+    sigma: Float[Tensor, "r k"],
+    slope: float,
+    depth: Float[Tensor, "r k"],
+    escape: Float[Tensor, "r"],
+    draws: int = 128,
+) -> Float[Tensor, "r"]:
+    """Sum of d_k^2 Var(m_k), m_k being the termination probabilities, and the escape's at depth `escape` the last.
+
+    All samples share one Sobol sequence, so their occupancies rise and fall together, draw by draw. Depths count from
+    the camera and covariances are left out: the sum is no variance of the depth, and grows as the object goes away.
+    """
+    x = math.sqrt(2) * torch.erfinv(2 * _sobol(draws, mu) - 1)
+    logit = slope * (sigma[..., None] * x - mu[..., None])
+    # in logarithms, whose derivatives are cheap: log (1 - o) = log sigmoid(-logit)
+    passed = torch.nn.functional.logsigmoid(-logit).cumsum(dim=1).exp()
+    before = torch.cat([torch.ones_like(passed[:, :1]), passed[:, :-1]], dim=1)
+    ends = torch.cat([before - passed, passed[:, -1:]], dim=1).var(dim=2, unbiased=False)
+    return (torch.cat([depth, escape[:, None]], dim=1).square() * ends).sum(dim=1)
+
+
 def depth_moments(
     moments: OccupancyMoments, depth: Float[Tensor, "r k"], escape: Float[Tensor, "r"]
 ) -> DepthMoments:
@@ -130,3 +150,8 @@ def depth_mean_gradient(
         gradient[:, i] = before[:, i] * (depth[:, i] - beyond)
         beyond = occupancy[:, i] * depth[:, i] + (1 - occupancy[:, i]) * beyond
     return gradient
+
+
+def _sobol(count: int, like: Tensor) -> Float[Tensor, "count"]:
+    engine = torch.quasirandom.SobolEngine(1, scramble=True, seed=0)
+    return engine.draw(count, dtype=torch.float64).to(like)[:, 0].clamp(1e-7, 1 - 1e-7)

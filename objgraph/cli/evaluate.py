@@ -64,7 +64,7 @@ class EvaluateCommand:
     size: Literal["small", "standard", "full"] = "small"
     """Synthetic objects a category: 6, 24 or 100."""
     objects: int | None = None
-    """Any other number of them."""
+    """Any other number of them; of a suite's parts no more than that, and a later run with more goes on."""
     start: List = (SHARED,)
     """Where methods begin: `shared`, all at the best of our initialisation, `own`, or both."""
     difficulty: Difficulty = "clean"

@@ -17,15 +17,19 @@ from factors.gaussian_depth import Probabilistic
 from factors.rendering import RaySamples, Renderer
 from factors.score import energy_score, energy_score_monte_carlo
 from factors.sdf_decoder import SdfDecoder
-from factors.state import RIGID_DOF, ObjectState
+from factors.state import POSE_DOF, RIGID_DOF, ObjectState
 from objgraph.covariance.labelled import ObjectCovariance
-from objgraph.errors import SolveError
+from objgraph.errors import ObjectGraphError, SolveError
 from objgraph.estimate.pool import Pool
+from objgraph.estimate.standing import Standing
 from objgraph.estimate.task import Estimate, EstimationTask, unusable
 from objgraph.estimate.terms import DrawnRays, Linearized, RaySteps, draw_rays, linearize
 
 _LEAST_SIGMA = 1e-6
 """Metres; the energy score of a surer distance is its absolute value."""
+_SCALE = slice(POSE_DOF, RIGID_DOF)
+_GROUPS = (slice(0, POSE_DOF), _SCALE, slice(RIGID_DOF, None))
+"""Axes whose gradient is clipped together."""
 
 
 @dataclass(frozen=True)
@@ -58,6 +62,19 @@ class AdamConfig:
     """Samples of the paper's estimate of the 3D energy score (1000 there); by default the closed form."""
     seed: int = 0
     """Of the points and rays drawn."""
+    clip: float | None = None
+    """Norm above which an object's gradient is shortened to it, in each of six groups by itself: pose, log-scale and
+    code, and the log-variances of each of them; None leaves it as long as it is."""
+    world_scale: bool = False
+    """Whether the scale's three unknowns are along the world's axes. What they do to an object that is turned is a
+    stretch along its own axes and a shear, which no `ObjectState` holds: of the stretch `diag(exp(s))` in the world the
+    state takes the diagonal of `R^T diag(s) R`, R being its rotation. So the step of its own log-scale is
+    `(R * R)^T s` (elementwise square), and SDF derivatives, variances and Adam's moments are those of s along that
+    path; the covariance has the variances that s gives the own axes. Of an upright object the height is as without,
+    and at 45 degrees about the up axis length and width can but grow together."""
+    standing: bool = False
+    """Whether the graph's upright prior and, where the floor is known, its floor factor are added, at the weight of
+    their negative log-likelihoods. Linearised in every iteration; the floor's rays are chosen with the others."""
 
 
 @dataclass(frozen=True)
@@ -101,6 +118,7 @@ class _Descent:
         self.decoder: SdfDecoder = tasks[0].prior.decoder
         self.states: list[ObjectState] = [task.starts[0] for task in tasks]
         self.pools = [Pool.of(task.views, task.prior.half_box(config.steps.tight_box)) for task in tasks]
+        self.standing = [Standing(task, config.steps.slope) for task in tasks] if config.standing else []
         self.rngs = [np.random.default_rng(config.seed) for _ in tasks]
         length = self.decoder.code_length
         variance = [config.pose_variance] * RIGID_DOF + [config.code_variance] * length
@@ -115,19 +133,19 @@ class _Descent:
     def run(self, progress: Callable[[int], None]) -> list[Estimate | SolveError]:
         optimizer = torch.optim.Adam([self.delta, self.log_variance], lr=self.config.learning_rate)
         judged = drawn = self._draw()
-        rays = draw_rays(self.decoder, self.states, drawn, self.config.steps)
+        rays = self._place(drawn)
         with torch.no_grad():
             first = self._losses(drawn, rays, 0)
         for i in range(self.config.iterations):
             if i > 0 and i % self.config.redraw == 0:
                 drawn = self._draw()
-                rays = draw_rays(self.decoder, self.states, drawn, self.config.steps)
+                rays = self._place(drawn)
             self._gradients(drawn, rays, i)
             optimizer.step()
             self._move()
             progress(i + 1)
         # on the points and rays of the first, so that the two can be compared
-        rays = draw_rays(self.decoder, self.states, judged, self.config.steps)
+        rays = self._place(judged)
         with torch.no_grad():
             last = self._losses(judged, rays, 0)
         return [self._result(i, float(first[i]), float(last[i])) for i in range(len(self.tasks))]
@@ -138,6 +156,13 @@ class _Descent:
             pool.draw(rng, config.points, config.rays)
             for pool, rng in zip(self.pools, self.rngs, strict=True)
         ]
+
+    def _place(self, drawn: Sequence[Pool]) -> list[DrawnRays]:
+        """Choose the rays' samples where the objects are, those of the floor as well."""
+        for i, standing in enumerate(self.standing):
+            if np.isfinite(self.states[i].matrix).all():  # a start that is not is found out by its loss
+                standing.refresh(self.states[i])
+        return draw_rays(self.decoder, self.states, drawn, self.config.steps)
 
     def _gradients(
         self, drawn: Sequence[Pool], rays: Sequence[DrawnRays], iteration: int
@@ -151,6 +176,8 @@ class _Descent:
         for grad in (self.delta.grad, self.log_variance.grad):
             if grad is not None:
                 grad.nan_to_num_(0.0, 0.0, 0.0)
+                if self.config.clip is not None:
+                    clip_groups(grad, self.config.clip)
         return loss.detach()
 
     def _losses(self, drawn: Sequence[Pool], rays: Sequence[DrawnRays], iteration: int) -> Float[Tensor, "b"]:
@@ -160,6 +187,9 @@ class _Descent:
             self.states,
             [np.concatenate([p, r.p_near]) for p, r in zip(points, rays, strict=True)],
         )
+        for i, found in enumerate(both if self.config.world_scale else ()):
+            along = torch.as_tensor(own_from_world_scale(self.states[i])).to(found.jacobian)
+            found.jacobian[:, _SCALE] = found.jacobian[:, _SCALE] @ along
         losses = []
         for i, (found, p, ray) in enumerate(zip(both, points, rays, strict=True)):
             surface = Linearized(found.sdf[: len(p)], found.jacobian[: len(p)])
@@ -184,7 +214,21 @@ class _Descent:
             samples = RaySamples(sdf, sdf_sigma, rays.cells, rays.targets, config.steps.slope)
             score = self.renderer.score(samples)
             loss = loss + config.render_weight * score.sum() / rays.count
+        if config.standing and bool(loss.isfinite()):
+            loss = loss + self._standing_error(i)
         return loss
+
+    def _standing_error(self, i: int) -> Float[Tensor, ""]:
+        """Of upright prior and floor factor, linear within the squares in how the state moves."""
+        try:
+            A, b = self.standing[i].linearize(self.states[i])
+        except (ObjectGraphError, RuntimeError) as error:  # GTSAM's own are RuntimeErrors
+            self.failures.setdefault(i, str(error))
+            return self.delta.new_zeros(())
+        if self.config.world_scale:
+            A[:, _SCALE] = A[:, _SCALE] @ own_from_world_scale(self.states[i])
+        A, b = (torch.as_tensor(array).to(self.delta) for array in (A, b))
+        return 0.5 * (A @ self.delta[i] - b).square().sum()
 
     def _sdf(self, i: int, at: Linearized) -> tuple[Float[Tensor, "n"], Float[Tensor, "n"]]:
         """Mean and standard deviation of the SDF (eq:sdf_mean, eq:sdf_variance)."""
@@ -205,6 +249,8 @@ class _Descent:
             steps = self.delta.detach().cpu().double().numpy()
             for i, step in enumerate(steps):
                 if i not in self.failures:
+                    if self.config.world_scale:
+                        step[_SCALE] = own_from_world_scale(self.states[i]) @ step[_SCALE]
                     self.states[i] = self.states[i].retract(step)
             self.delta.zero_()
 
@@ -215,6 +261,8 @@ class _Descent:
         covariance = None
         if self.config.uncertainty:
             variance = self.log_variance[i].detach().exp().cpu().double().numpy()
+            if self.config.world_scale:
+                variance[_SCALE] = own_from_world_scale(self.states[i]) ** 2 @ variance[_SCALE]
             covariance = ObjectCovariance.diagonal(variance, "adam")
         return Estimate(
             self.states[i],
@@ -224,3 +272,15 @@ class _Descent:
             linearizations=self.config.iterations,
             error_evaluations=2,
         )
+
+
+def clip_groups(gradient: Float[Tensor, "b d"], norm: float) -> None:
+    """Shorten the parts of every object's gradient that are longer, in place: pose, log-scale, code."""
+    for group in _GROUPS:
+        part = gradient[:, group]
+        part *= norm / part.norm(dim=1, keepdim=True).clamp_min(norm)
+
+
+def own_from_world_scale(state: ObjectState) -> Float[np.ndarray, "3 3"]:
+    """Derivative of the log-scale along the object's axes w.r.t. that along the world's, shear left out."""
+    return np.square(state.T_world_object.rotation().matrix()).T

@@ -23,15 +23,20 @@ class GraphEstimator:
     solver: SolverConfig = field(default_factory=SolverConfig)
     heading_modes: HeadingModesConfig | None = field(default_factory=HeadingModesConfig)
     """None takes the heading that was found as the only one."""
+    gravity: bool = True
+    """Whether it is told where up and the floor are; without, no object need be upright or stand."""
 
     def estimate(
         self, tasks: Sequence[EstimationTask], progress: Callable[[int, int], None] | None = None
     ) -> list[Estimate | SolveError]:
         """See `Estimator`; all objects decode together."""
         refused = [unusable(task) for task in tasks]
-        usable = [task for task, reason in zip(tasks, refused, strict=True) if reason is None]
+        usable = [self._told(task) for task, reason in zip(tasks, refused, strict=True) if reason is None]
         found = iter(self._solved(usable, progress))
         return [next(found) if reason is None else reason for reason in refused]
+
+    def _told(self, task: EstimationTask) -> EstimationTask:
+        return task if self.gravity else replace(task, up_world=None, floor=None)
 
     def _solved(
         self, tasks: Sequence[EstimationTask], progress: Callable[[int, int], None] | None

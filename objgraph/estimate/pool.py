@@ -24,6 +24,8 @@ class WorldRays:
     sigma: Float[np.ndarray, "r"]
     axis_world: Float[np.ndarray, "r 3"]
     """The camera's z axis."""
+    first_view: Bool[np.ndarray, "r"]
+    """Whether the ray is of the first view."""
 
     def take(self, indices: np.ndarray) -> "WorldRays":
         """Some of the rays."""
@@ -60,11 +62,12 @@ class Pool:
     ) -> "Pool":
         """The pool of some views, each at its own camera."""
         parts = []
-        for view in views:
+        for i, view in enumerate(views):
             R, rays = view.T_world_camera.rotation().matrix(), view.rays
             origin = np.broadcast_to(view.T_world_camera.translation(), rays.directions_camera.shape)
             axis = np.broadcast_to(R[:, 2], origin.shape)
-            world = (origin, rays.directions_camera @ R.T, rays.depth, rays.hit, rays.end, rays.sigma, axis)
+            direction, first = rays.directions_camera @ R.T, np.full(len(origin), i == 0)
+            world = (origin, direction, rays.depth, rays.hit, rays.end, rays.sigma, axis, first)
             parts.append(world)
         joined = WorldRays(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True)))
         return cls(np.concatenate([view.points_world for view in views]), joined, half_box)

@@ -26,8 +26,8 @@ class EstimationTask:
     starts: tuple[ObjectState, ...]
     """First estimates, the most promising first; an estimator may use that one alone."""
     views: tuple[ObjectView, ...]
-    up_world: Float[np.ndarray, "3"]
-    """Unit vector against gravity, in the world frame."""
+    up_world: Float[np.ndarray, "3"] | None
+    """Unit vector against gravity, in the world frame; None where it is unknown."""
     floor: float | None = None
     """Height of the floor along `up_world`, where it is known."""
     box: DetectedBox | None = None

@@ -103,7 +103,7 @@ class ObjectBuilder:
             scale_prior(keys, np.log(prior.size_mean), prior.size_log_sigma, anisotropy),
         ]
         if self.up_world is not None:
-            factors.append(upright_prior(keys, self.up_world, self.config.upright_sigma))
+            factors.append(self.upright(keys))
         if box is not None:
             factors += [
                 placed_prior(
@@ -112,6 +112,11 @@ class ObjectBuilder:
                 sized_prior(keys, box.log_scale(prior), box.size_sigma),
             ]
         return factors
+
+    def upright(self, keys: ObjectKeys) -> gtsam.NonlinearFactor:
+        """The object does not lean. Up must be known."""
+        assert self.up_world is not None
+        return upright_prior(keys, self.up_world, self.config.upright_sigma)
 
     def view(
         self,

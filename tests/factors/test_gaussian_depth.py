@@ -9,10 +9,11 @@ from scipy.special import expit
 from scipy.stats import norm
 
 from factors.full_distribution import FullDistribution
-from factors.gaussian_depth import Deterministic, GaussianDepth, Probabilistic, Sampled
+from factors.gaussian_depth import Deterministic, GaussianDepth, Probabilistic, Sampled, Uncentred
 from factors.occupancy import OccupancyMoments, depth_mean
 from factors.rays import RayCells
 from factors.rendering import ESCAPE, RaySamples, RayTargets
+from factors.score import energy_score
 
 PROBABILISTIC = [
     Probabilistic(variance, moments)
@@ -306,3 +307,63 @@ def test_scores_and_derivatives_are_finite_where_nothing_is_uncertain_or_near(re
             found = torch.autograd.grad(score.sum(), [sdf, sigma], allow_unused=True)
             assert torch.isfinite(score).all()
             assert all(g is None or bool(torch.isfinite(g).all()) for g in found)
+
+
+def test_the_uncentred_variance_is_that_of_each_end_over_shared_draws():
+    """The released program's, draw by draw and sample by sample, and its score."""
+    sdf, sigma, cells, targets = scene()
+    sigma[0], sigma[1, :3] = 0.0, 0.0  # a ray that is certain, and one that is in part
+    samples, renderer = RaySamples(sdf, sigma, cells, targets, SLOPE), Uncentred()
+    x, _ = nodes_of(renderer)
+    expected, escape = np.zeros(RAYS), samples.escape.numpy()
+    for r in range(RAYS):
+        ends = np.append(cells.depth[r].numpy(), escape[r])
+        occupied = expit(-SLOPE * (sdf[r].numpy()[:, None] + sigma[r].numpy()[:, None] * x))
+        weights = np.zeros((len(ends), len(x)))
+        for j in range(len(x)):
+            passed = 1.0
+            for k in range(SAMPLES):
+                weights[k, j] = passed * occupied[k, j]
+                passed *= 1 - occupied[k, j]
+            weights[-1, j] = passed
+        expected[r] = np.sum(ends**2 * weights.var(axis=1))
+    moments = renderer.occupancy(sdf, sigma, SLOPE)
+    np.testing.assert_allclose(
+        renderer.ray_variance(samples, moments).numpy(), expected, rtol=1e-5, atol=1e-12
+    )
+    assert expected[0] < 1e-12 < 0.1 < expected[1:].min()
+    error, counts, _ = Probabilistic(moments="sobol").depth_error(samples)
+    score = counts * energy_score(error, torch.as_tensor(expected).clamp_min(1e-12).sqrt())
+    torch.testing.assert_close(renderer.score(samples), score, rtol=1e-5, atol=1e-9)
+    # unlike a variance it depends on where the scene is
+    away = replace(samples, cells=RayCells(cells.depth + 5, cells.width, cells.far + 5))
+    assert (renderer.ray_variance(away, moments)[1:] > 4 * torch.as_tensor(expected[1:])).all()
+
+
+@pytest.mark.parametrize("renderer", [Uncentred(), Deterministic(squared_up_to=0.01)])
+def test_derivatives_of_the_released_scores(renderer):
+    sdf, sigma, cells, targets = scene()
+    d_sdf, d_sigma = gradients(renderer, sdf, sigma, cells, targets)
+
+    def score(s, t):
+        return renderer.score(RaySamples(s, t, cells, targets, SLOPE))
+
+    expected = differences(lambda s: score(s, sigma), sdf)
+    np.testing.assert_allclose(d_sdf, expected, rtol=1e-4, atol=1e-6)
+    assert np.abs(expected).max() > 0.1
+    np.testing.assert_allclose(d_sigma, differences(lambda t: score(sdf, t), sigma), rtol=1e-4, atol=1e-6)
+
+
+def test_squares_are_clamped_and_then_have_no_gradient():
+    sdf, sigma, cells, targets = scene()
+    samples = RaySamples(sdf.requires_grad_(), sigma, cells, targets, SLOPE)
+    error, counts, d_error = Deterministic().depth_error(samples)
+    bound = float(error.detach()[counts > 0].square().median())
+    score = Deterministic(squared_up_to=bound).score(samples)
+    torch.testing.assert_close(score, counts * error.square().clamp(max=bound))
+    (gradient,) = torch.autograd.grad(score.sum(), sdf)
+    below = counts * (error.square() < bound)
+    torch.testing.assert_close(gradient[below > 0], (2 * error[:, None] * d_error)[below > 0])
+    clamped = (counts > 0) & (error.square() > bound)
+    assert clamped.any()
+    assert (gradient[clamped] == 0).all()

@@ -1,7 +1,7 @@
 """The methods that can be compared, by name: each is an estimator and how densely it samples the views.
 
 `ours` and its variants, `dsp-slam` and `node-slam` are the rows of the paper's tables (there called Ours,
-Ours w/ Det2D, Ours w/ Samp2D, DSP-SLAM* and Node-SLAM*).
+Ours w/ Det2D, Ours w/ Samp2D, DSP-SLAM* and Node-SLAM*). Those that end in `-released` do as the released programs do.
 """
 
 import logging
@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from factors.gaussian_depth import Deterministic, Sampled
+from objgraph.bench.comparison.released import RELEASED_DET2D, RELEASED_GN, RELEASED_OURS, changed
 from objgraph.errors import EvaluationError, ObjectGraphError, SolveError
 from objgraph.estimate import AdamConfig, AdamEstimator, GaussNewtonEstimator
 from objgraph.estimate.graph import GraphEstimator
@@ -53,35 +54,66 @@ class Method:
     """What it is told beside views, prior and start."""
 
 
+def _graph(renderer: Literal["full", "probabilistic", "sampled", "deterministic"]) -> Method:
+    told = (*_GRAVITY, "filled box", "heading modes")
+    return Method(lambda: GraphEstimator(GraphConfig(renderer=renderer)), SamplingConfig(), "best", told)
+
+
+def _det2d() -> AdamEstimator:
+    return AdamEstimator(renderer=Deterministic())
+
+
+_GRAVITY = ("floor", "upright")
+
 METHODS: dict[str, Method] = {
     "start": Method(StandStill, SamplingConfig()),
     "start-7dof": Method(StandStill, SamplingConfig(), "icp-7dof"),
-    "graph": Method(GraphEstimator, SamplingConfig(), "best"),
-    "graph-prob2d": Method(
-        lambda: GraphEstimator(GraphConfig(renderer="probabilistic")), SamplingConfig(), "best"
+    "graph": _graph("full"),
+    "graph-bare": Method(
+        lambda: GraphEstimator(GraphConfig(sides=None), heading_modes=None, gravity=False), SamplingConfig()
     ),
-    "graph-samp2d": Method(lambda: GraphEstimator(GraphConfig(renderer="sampled")), SamplingConfig(), "best"),
-    "graph-det2d": Method(
-        lambda: GraphEstimator(GraphConfig(renderer="deterministic")), SamplingConfig(), "best"
-    ),
+    "graph-prob2d": _graph("probabilistic"),
+    "graph-samp2d": _graph("sampled"),
+    "graph-det2d": _graph("deterministic"),
     "ours": Method(AdamEstimator, _DENSE),
-    "ours-det2d": Method(lambda: AdamEstimator(renderer=Deterministic()), _DENSE),
+    "ours-floor": Method(lambda: AdamEstimator(AdamConfig(standing=True)), _DENSE, given=_GRAVITY),
+    "ours-released": Method(lambda: changed(AdamEstimator(), RELEASED_OURS.values()), _DENSE),
+    "ours-det2d": Method(_det2d, _DENSE),
+    "ours-det2d-released": Method(
+        lambda: changed(_det2d(), (RELEASED_OURS | RELEASED_DET2D).values()), _DENSE
+    ),
     "ours-samp2d": Method(lambda: AdamEstimator(renderer=Sampled()), _DENSE),
     "dsp-slam": Method(
         lambda: AdamEstimator(AdamConfig(uncertainty=False), renderer=Deterministic()), _DENSE
     ),
     "dsp-slam-gn": Method(GaussNewtonEstimator, _DENSE, "icp-7dof"),
+    "dsp-slam-gn-released": Method(
+        lambda: changed(GaussNewtonEstimator(), RELEASED_GN.values()), _DENSE, "icp-7dof"
+    ),
     "node-slam": Method(
         lambda: AdamEstimator(AdamConfig(uncertainty=False, surface_weight=0.0), renderer=Sampled()), _DENSE
     ),
 }
 
 
+RELEASED_DIFFERENCES: dict[str, Method] = {
+    f"{base}+{name}": Method(lambda start=start, change=change: change(start()), _DENSE, METHODS[base].start)
+    for base, start, changes in (
+        ("ours", AdamEstimator, RELEASED_OURS),
+        ("ours-det2d", _det2d, RELEASED_DET2D),
+        ("dsp-slam-gn", GaussNewtonEstimator, RELEASED_GN),
+    )
+    for name, change in changes.items()
+}
+"""`ours`, `ours-det2d` and `dsp-slam-gn`, each with one difference of the released program: `ours+clipping`."""
+
+
 def method(name: str) -> Method:
-    """The method called `name`; raises EvaluationError that lists all."""
-    if name not in METHODS:
+    """The method called `name`, or one of `RELEASED_DIFFERENCES`; raises EvaluationError that lists all but these."""
+    found = METHODS.get(name) or RELEASED_DIFFERENCES.get(name)
+    if found is None:
         raise EvaluationError(f"no method '{name}'; available: {', '.join(METHODS)}")
-    return METHODS[name]
+    return found
 
 
 class Clock:

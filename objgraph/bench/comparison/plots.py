@@ -167,9 +167,11 @@ def faults_plot(rows: Sequence[ObjectRow], methods: Sequence[str], data: str, pa
     for axis, (name, factor, label) in zip(axes, _FAULTS, strict=True):
         for i, method in enumerate(methods):
             chosen = [row for row in rows if row.contender == method]
+            if not chosen:
+                continue
             strength = factor * np.array([getattr(row, name) for row in chosen], float)
             correct = np.array([row.pose_correct for row in chosen])
-            parts = np.array_split(np.argsort(strength, kind="stable"), min(_PARTS, len(chosen)) or 1)
+            parts = np.array_split(np.argsort(strength, kind="stable"), min(_PARTS, len(chosen)))
             x, rate = (np.array([values[part].mean() for part in parts]) for values in (strength, correct))
             low, high = np.array(
                 [proportion_interval(int(correct[part].sum()), len(part)) for part in parts]

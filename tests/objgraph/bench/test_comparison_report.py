@@ -11,7 +11,13 @@ from rich.console import Console
 from objgraph.bench.comparison import published
 from objgraph.bench.comparison.grid import Cell, Grid, ranked_across
 from objgraph.bench.comparison.methods import METHODS
-from objgraph.bench.comparison.plots import binned, error_plot, uncertainty_plot
+from objgraph.bench.comparison.plots import (
+    binned,
+    error_plot,
+    faults_plot,
+    proportion_interval,
+    uncertainty_plot,
+)
 from objgraph.bench.comparison.scan_cases import ScanSource, read_split
 from objgraph.bench.comparison.summary import paired, summarize
 from objgraph.bench.comparison.tables import all_tables
@@ -319,3 +325,26 @@ def test_annotated_objects_of_a_scan_are_cases(shared_data):
         DatasetError, match="no annotated object of zebra in 1 scans; annotated are: chair, table"
     ):
         ScanSource("scannet", root, ("zebra",)).cases()
+
+
+def test_poses_are_drawn_over_what_is_wrong(tmp_path):
+    rows = [
+        row(
+            "graph", f"c{i}", 3, pose_correct=i % 3 > 0, visible=0.2 + 0.03 * i, camera_error_m=0.001 * i,
+            mask_iou=0.9 - 0.02 * i, conditions={"visible": [0.2]},
+        )
+        for i in range(12)
+    ]  # fmt: skip
+    assert faults_plot(rows, ["graph", "ours"], "made up", tmp_path / "a.png")
+    assert (0, 0x72, 0xB2) in {tuple(color) for color in pixels(tmp_path / "a.png")}
+    assert not faults_plot([row("graph")], ["graph"], "clean", tmp_path / "b.png")
+    assert not (tmp_path / "b.png").exists()
+    low, high = proportion_interval(0, 10)
+    assert low == 0
+    assert high == pytest.approx(0.2775, abs=1e-3)  # Wilson's, by hand: z² / (n + z²)
+
+
+def test_what_each_method_is_given_stands_beside_its_rates(tables):
+    text = tables[2].markdown()
+    assert "| Chair, 3 views | graph | floor, upright, filled box, heading modes | 6 | 6 |" in text
+    assert re.search(r"\| Table, 1 view \| ours \| - \| 6 \| 6 \| 0\.83 \[0\.\d\d, 1\.00\]", text)

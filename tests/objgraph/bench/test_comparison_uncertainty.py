@@ -157,3 +157,24 @@ def test_sigma_is_that_of_the_joint_covariance_by_numerical_derivatives():
     np.testing.assert_allclose(
         errors.error[trusted], metric[trusted] * np.abs(sdf(state, p_world))[trusted], rtol=1e-3
     )
+
+
+def test_the_binned_correlation_is_that_of_100_means():
+    rng = np.random.default_rng(3)
+    sigma = rng.lognormal(-5, 0.5, 10_000)
+    error = np.abs(rng.normal(size=10_000)) * sigma
+    found = SurfaceErrors(error, sigma)
+    order = np.argsort(sigma)
+    means = np.array(
+        [[values[order][i : i + 100].mean() for i in range(0, 10_000, 100)] for values in (sigma, error)]
+    )
+    assert found.pearson_binned == pytest.approx(np.corrcoef(means)[0, 1])
+    # averaging takes away the errors' own chance, not what sigma does not know
+    assert found.pearson is not None
+    assert found.pearson_binned is not None
+    assert found.pearson_binned > found.pearson + 0.2
+    unrelated = SurfaceErrors(rng.permutation(error), sigma)
+    assert unrelated.pearson_binned is not None
+    assert abs(unrelated.pearson_binned) < 0.35
+    assert SurfaceErrors(error, np.full(10_000, 0.01)).pearson_binned is None
+    assert SurfaceErrors(error[:2], sigma[:2]).pearson_binned is None

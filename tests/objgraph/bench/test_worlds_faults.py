@@ -21,6 +21,7 @@ from objgraph.datasets.ground_truth import AnnotatedScan
 from objgraph.errors import DatasetError
 from objgraph.synthetic.scene import stand
 from objgraph.synthetic.sensor import SensorConfig
+from tests.conftest import REPOSITORY
 
 NONE = Faults(
     0.3, 2.0, 0.0, False, 0.0, 10.0, False, 0.2, mask_border_px=0.0, mask_thin_px=0.0, mask_part=0.0, merged=False,
@@ -241,3 +242,17 @@ def test_neighbours_are_pushed_together_and_do_not_intersect(seed):
     points = np.asarray(trimesh.sample.sample_surface(mesh, 4000, seed=1)[0])
     gap = scene.compute_distance(points.astype(np.float32)).numpy().min()
     assert 0.0 < gap < 0.15
+
+
+def test_the_documentation_has_these_ranges():
+    page = (REPOSITORY / "docs" / "evaluation.md").read_text()
+    rows = {
+        cells[1].strip("` "): cells[2:4] for line in page.splitlines() if len(cells := line.split("|")) == 6
+    }
+
+    def words(value) -> str:
+        return f"{value[0]:g} to {value[1]:g}" if isinstance(value, tuple) else f"{value:g}"
+
+    for field in dataclasses.fields(FaultRanges):
+        told = [cell.strip() for cell in rows[field.name]]
+        assert told == [words(getattr(ranges, field.name)) for ranges in (EVERYDAY, HARD)], field.name

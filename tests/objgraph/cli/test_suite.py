@@ -82,7 +82,7 @@ def test_the_page_is_made_of_the_json_alone(tmp_path):
     assert (tmp_path / "docs/images/results_hard-families_pose_over_faults.png").read_bytes() == b"a picture"
     before = page
     changed = document()
-    changed["tables"][1]["sections"][0][0][4]["text"] = "0.123 [0.00, 0.50]"
+    changed["tables"][2]["sections"][0][0][4]["text"] = "0.123 [0.00, 0.50]"
     (tmp_path / "hard-families" / FIGURES).write_text(json.dumps(changed))
     assert "0.123 [0.00, 0.50]" in render("docs", tmp_path, tmp_path / "docs").read_text()
     assert "0.123 [0.00, 0.50]" not in before

@@ -92,7 +92,8 @@ def quick(name: str) -> Estimator:
     """A method with few points, rays and iterations."""
     estimator: Any = METHODS[name].estimator()
     if isinstance(estimator, AdamEstimator):
-        config = replace(estimator.config, iterations=25, points=100, rays=80, steps=RaySteps(samples=30))
+        steps = replace(estimator.config.steps, samples=30)
+        config = replace(estimator.config, iterations=25, points=100, rays=80, steps=steps)
         return replace(estimator, config=config)
     if isinstance(estimator, GaussNewtonEstimator):
         return replace(estimator, config=replace(estimator.config, iterations=6, points=100, rays=80))

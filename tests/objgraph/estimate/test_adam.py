@@ -47,7 +47,7 @@ def test_together_each_is_estimated_as_if_alone(estimator):
             np.testing.assert_allclose(found.covariance.matrix, alone.covariance.matrix, rtol=1e-5)
 
 
-@pytest.mark.parametrize("name", METHODS)
+@pytest.mark.parametrize("name", [name for name in METHODS if not name.startswith("start")])
 def test_every_method_comes_nearer(name):
     one, told = task(), []
     (found,) = quick(name).estimate([one], lambda done, total: told.append((done, total)))
@@ -58,7 +58,7 @@ def test_every_method_comes_nearer(name):
     assert told == sorted(told)
     assert told[-1][0] <= told[-1][1]
     assert found.linearizations > 0
-    assert (found.covariance is None) == (name in ("dsp-slam", "dsp-slam-gn", "node-slam"))
+    assert (found.covariance is None) == (name.startswith("dsp-slam") or name == "node-slam")
 
 
 def test_the_covariance_is_diagonal_labelled_and_learnt():
