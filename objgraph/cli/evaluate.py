@@ -101,7 +101,7 @@ class EvaluateCommand:
     least_points: int = 50
     """Of kitti, cars with that many returns count."""
     detector_noise: float = 1.0
-    """Of kitti, what the detections' errors are multiplied by; the graph is told the same."""
+    """Of kitti, what the detections' errors are multiplied by; what the graph is told of them stays."""
 
     @property
     def folder(self) -> Path:
@@ -138,7 +138,7 @@ def run_evaluate(command: EvaluateCommand, console: Console, line: str) -> dict[
 def _objects(command: EvaluateCommand, console: Console) -> Report:
     """Tables I and II, or the calibration of the same rows; of boxes how well they agree."""
     comparison = _comparison(command)
-    boxes = command.dataset != SYNTHETIC and has_boxes(command.dataset)
+    boxes = has_boxes(command.dataset)
     if boxes and (command.calibration or command.stability):
         raise EvaluationError(
             f"data set '{command.dataset}': --calibration and --stability are for data sets with true shapes"

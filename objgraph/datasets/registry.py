@@ -79,8 +79,8 @@ def load_scan(dataset: str, root: Path, scene: str | None = None, **options: Any
 
 
 def has_boxes(dataset: str) -> bool:
-    """Whether the data set's ground truth is boxes alone."""
-    return _loader(dataset).boxes is not None
+    """Whether it is a data set of scans whose ground truth is boxes alone."""
+    return dataset in _LOADERS and _LOADERS[dataset].boxes is not None
 
 
 def load_annotated(dataset: str, root: Path, scene: str, **options: Any) -> AnnotatedScan:
