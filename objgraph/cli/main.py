@@ -28,7 +28,8 @@ def _evaluate(arguments: list[str], console: "Console") -> None:
     """Compare methods on objects with ground truth: the paper's tables, intervals, plots."""
     import shlex
 
-    from objgraph.cli.evaluate import EvaluateCommand, run_evaluate
+    from objgraph.cli.evaluate import run_evaluate
+    from objgraph.cli.evaluate_command import EvaluateCommand
 
     command = _parsed(EvaluateCommand, "evaluate", arguments)
     run_evaluate(command, console, shlex.join(["objgraph", "evaluate", *arguments]))

@@ -13,9 +13,11 @@ from objgraph.bench.comparison.methods import method
 from objgraph.bench.comparison.rows import method_and_start
 from objgraph.bench.comparison.summary import paired, summarize
 from objgraph.bench.comparison.tables import all_tables
-from objgraph.cli.evaluate import EvaluateCommand, run_evaluate
+from objgraph.cli.evaluate import run_evaluate
+from objgraph.cli.evaluate_command import FIGURES, EvaluateCommand
 from objgraph.cli.main import _parsed
-from objgraph.cli.suite import FIGURES, line_of, parts, render, run_suite
+from objgraph.cli.suite import line_of, render, run_suite
+from objgraph.cli.suite_parts import parts
 from objgraph.errors import EvaluationError
 from tests.objgraph.bench.test_comparison_report import made_up
 
