@@ -6,6 +6,7 @@ import trimesh
 from jaxtyping import Float
 from numpy.random import Generator
 
+from objgraph.bench.worlds.raycaster import Raycaster, raycaster
 from objgraph.synthetic.furniture import Furniture
 from objgraph.synthetic.scene import PlacedFurniture, stand
 
@@ -33,7 +34,7 @@ def pushed_against(target: PlacedFurniture, other: Furniture, rng: Generator) ->
     scale = np.full(3, other.diagonal_m)
     aside = rng.normal(0, 0.08) * np.array([-towards[1], towards[0]])
     at = target.T_world_object[:2, 3] + aside
-    surface = _scene([(target.p_world, target.piece.mesh.faces)])
+    surface = raycaster([(target.p_world, target.piece.mesh.faces)])
     probe = stand(other, scale, np.zeros(2), yaw)
     points = np.asarray(trimesh.sample.sample_surface(_mesh(probe), 3000, seed=0)[0])
     # the nearest place is no nearer than a share of the chair's depth under the table
@@ -48,7 +49,7 @@ def pushed_against(target: PlacedFurniture, other: Furniture, rng: Generator) ->
 def things_on(target: PlacedFurniture, count: int, rng: Generator) -> list[trimesh.Trimesh]:
     """At most so many boxes and balls on the target's level surfaces."""
     mesh = _mesh(target)
-    scene = _scene([(mesh.vertices, mesh.faces)])
+    scene = raycaster([(mesh.vertices, mesh.faces)])
     sampled = trimesh.sample.sample_surface(mesh, 400, seed=int(rng.integers(1 << 31)))
     points = np.asarray(sampled[0])[np.asarray(mesh.face_normals)[sampled[1]][:, 2] > _LEVEL]
     up = np.tile([0.0, 0.0, 1.0], (len(points), 1))
@@ -75,16 +76,9 @@ def _thing(rng: Generator) -> trimesh.Trimesh:
     return ball
 
 
-def _clear(surface: o3d.t.geometry.RaycastingScene, points: Float[np.ndarray, "n 3"]) -> bool:
+def _clear(surface: Raycaster, points: Float[np.ndarray, "n 3"]) -> bool:
     return bool(surface.compute_distance(points.astype(np.float32)).numpy().min() > _CLEARANCE_M)
 
 
 def _mesh(placed: PlacedFurniture) -> trimesh.Trimesh:
     return trimesh.Trimesh(placed.p_world, placed.piece.mesh.faces, process=False)
-
-
-def _scene(meshes: list[tuple[np.ndarray, np.ndarray]]) -> o3d.t.geometry.RaycastingScene:
-    scene = o3d.t.geometry.RaycastingScene(nthreads=1)
-    for vertices, faces in meshes:
-        scene.add_triangles(np.asarray(vertices, np.float32), np.asarray(faces, np.uint32))
-    return scene

@@ -9,6 +9,7 @@ from jaxtyping import Bool, Float
 from numpy.random import Generator
 
 from objgraph.bench.worlds.faults import Faults
+from objgraph.bench.worlds.raycaster import Raycaster, raycaster
 from objgraph.bench.worlds.room import Room, draw_room
 from objgraph.bench.worlds.viewpoints import (
     HEIGHT_M,
@@ -42,17 +43,14 @@ class OuterSurface:
     """Points of a room's target, uniform by area, that can be seen from some side."""
 
     p_world: Float[np.ndarray, "n 3"]
-    everything: o3d.t.geometry.RaycastingScene
+    everything: Raycaster
     """All that may hide them."""
 
     @classmethod
     def of(cls, room: Room, p_object: Float[np.ndarray, "n 3"]) -> "OuterSurface":
         """In a room, from `outer_points` of its target."""
-        everything = o3d.t.geometry.RaycastingScene(nthreads=1)
-        pieces = [(piece.p_world, piece.piece.mesh.faces) for piece in (room.target, *room.clutter)]
-        for vertices, faces in [*pieces, *((part.vertices, part.faces) for part in room.shell)]:
-            everything.add_triangles(np.asarray(vertices, np.float32), np.asarray(faces, np.uint32))
-        return cls(transformed(room.target.T_world_object, room.target.scale * p_object), everything)
+        p_world = transformed(room.target.T_world_object, room.target.scale * p_object)
+        return cls(p_world, raycaster(room.meshes))
 
     def seen(self, T_world_camera: Pose) -> Bool[np.ndarray, "n"]:
         """Which of the points a camera sees."""
@@ -66,8 +64,7 @@ class OuterSurface:
 
 def outer_points(piece: Furniture) -> Float[np.ndarray, "n 3"]:
     """Points of a piece's surface that can be seen from some side, canonical; parts may hide what lies within."""
-    alone = o3d.t.geometry.RaycastingScene(nthreads=1)
-    alone.add_triangles(np.asarray(piece.mesh.vertices, np.float32), np.asarray(piece.mesh.faces, np.uint32))
+    alone = raycaster([(piece.mesh.vertices, piece.mesh.faces)])
     points = np.asarray(trimesh.sample.sample_surface(piece.mesh, _SURFACE, seed=0)[0])
     outer = np.zeros(len(points), dtype=bool)
     for direction in trimesh.creation.icosphere(_AROUND).vertices:
@@ -152,7 +149,7 @@ def _walk(
 
 
 def _seen_from(
-    scene: o3d.t.geometry.RaycastingScene, eye: Float[np.ndarray, "3"], points: Float[np.ndarray, "n 3"]
+    scene: Raycaster, eye: Float[np.ndarray, "3"], points: Float[np.ndarray, "n 3"]
 ) -> Bool[np.ndarray, "n"]:
     """Whether nothing lies between the eye and the points."""
     away = points - eye

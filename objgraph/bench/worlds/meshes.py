@@ -6,10 +6,10 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
-import open3d as o3d
 import trimesh
 from numpy.random import Generator
 
+from objgraph.bench.worlds.raycaster import raycaster
 from objgraph.errors import DatasetError, PriorError
 from objgraph.synthetic.furniture import Category, Furniture
 from objgraph.training.index import HELDOUT_SHARE, heldout_groups, read_index
@@ -108,8 +108,7 @@ def mesh_furniture(
 
 def symmetry_of(mesh: trimesh.Trimesh, samples: int = 3000) -> int:
     """Scan2CAD's class of a canonical mesh: turns about y that leave it the same; 1, 2, 4, or 0 for all."""
-    scene = o3d.t.geometry.RaycastingScene(nthreads=1)
-    scene.add_triangles(np.asarray(mesh.vertices, np.float32), np.asarray(mesh.faces, np.uint32))
+    scene = raycaster([(mesh.vertices, mesh.faces)])
     points = np.asarray(trimesh.sample.sample_surface(mesh, samples, seed=0)[0])
 
     def same(degrees: float) -> bool:

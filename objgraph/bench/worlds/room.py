@@ -35,6 +35,12 @@ class Room:
     """Footprints of everything that stands on the floor, the target's first."""
     size_m: tuple[float, float]
 
+    @property
+    def meshes(self) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Vertices in the room and faces of everything, the target's first."""
+        pieces = [(piece.p_world, piece.piece.mesh.faces) for piece in (self.target, *self.clutter)]
+        return pieces + [(part.vertices, part.faces) for part in self.shell]
+
 
 def draw_room(piece: Furniture, bearing: float, rng: Generator, faults: Faults | None = None) -> Room:
     """The piece near the middle at any heading, with 2 to 5 things about it, some of them towards `bearing`.

@@ -1,6 +1,5 @@
 """Where a person holds the camera: three views of the target far apart and three close together."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -9,6 +8,7 @@ import open3d as o3d
 from jaxtyping import Float
 from numpy.random import Generator
 
+from objgraph.bench.worlds.raycaster import Raycaster, raycaster
 from objgraph.bench.worlds.room import Room, draw_room
 from objgraph.errors import DatasetError
 from objgraph.geometry.frames import look_at
@@ -81,12 +81,7 @@ class TargetView:
     """What a camera sees of a room's target, by casting a ray at every fourth pixel in and about the image."""
 
     def __init__(self, room: Room) -> None:
-        self._alone, self._all = (o3d.t.geometry.RaycastingScene(nthreads=1) for _ in range(2))
-        target = room.target
-        meshes = [(target.p_world, target.piece.mesh.faces)]
-        _add(self._alone, meshes)
-        meshes += [(other.p_world, other.piece.mesh.faces) for other in room.clutter]
-        _add(self._all, meshes + [(part.vertices, part.faces) for part in room.shell])
+        self._alone, self._all = raycaster(room.meshes[:1]), raycaster(room.meshes)
         camera = intrinsics()
         w, h = camera.width, camera.height
         u, v = np.meshgrid(np.arange(-w // 2, w + w // 2, _STEP), np.arange(-h // 2, h + h // 2, _STEP))
@@ -191,13 +186,8 @@ def _within(at: Float[np.ndarray, "2"], corners: Float[np.ndarray, "4 2"]) -> bo
     return bool(np.all(np.abs(edges @ away / lengths) <= lengths / 2 + _FROM_THINGS_M))
 
 
-def _add(scene: o3d.t.geometry.RaycastingScene, meshes: Sequence[tuple[np.ndarray, np.ndarray]]) -> None:
-    for vertices, faces in meshes:
-        scene.add_triangles(np.asarray(vertices, np.float32), np.asarray(faces, np.uint32))
-
-
 def _depths(
-    scene: o3d.t.geometry.RaycastingScene, T_world_camera: Pose, directions: Float[np.ndarray, "h w 3"]
+    scene: Raycaster, T_world_camera: Pose, directions: Float[np.ndarray, "h w 3"]
 ) -> Float[np.ndarray, "h w"]:
     rays = directions @ T_world_camera[:3, :3].T
     eye = np.broadcast_to(T_world_camera[:3, 3], rays.shape)
