@@ -39,7 +39,7 @@ class Room:
     def meshes(self) -> list[tuple[np.ndarray, np.ndarray]]:
         """Vertices in the room and faces of everything, the target's first."""
         pieces = [(piece.p_world, piece.piece.mesh.faces) for piece in (self.target, *self.clutter)]
-        return pieces + [(part.vertices, part.faces) for part in self.shell]
+        return [*pieces, *((part.vertices, part.faces) for part in self.shell)]
 
 
 def draw_room(piece: Furniture, bearing: float, rng: Generator, faults: Faults | None = None) -> Room:
