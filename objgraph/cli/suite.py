@@ -46,7 +46,7 @@ def run_suite(command: EvaluateCommand, console: Console, run: Run) -> None:
 def line_of(part: Part, command: EvaluateCommand) -> str:
     """The command of one part, as it would be typed."""
     words = ["objgraph", "evaluate", "--seed", str(command.seed)]
-    for name, value in part.options.items():
+    for name, value in _options(part, command):
         option = f"--{name.replace('_', '-')}"
         if isinstance(value, tuple):
             words += [option, ",".join(value)]
@@ -91,15 +91,21 @@ def render(suite: Suite, folder: Path, to: Path) -> Path:
     return to / "results.md"
 
 
+def _options(part: Part, command: EvaluateCommand) -> list[tuple[str, Any]]:
+    """A part's, with no more objects than the suite is asked for."""
+    options = dict(part.options)
+    if command.objects is not None and "objects" in options:
+        options["objects"] = min(options["objects"], command.objects)
+    return [*options.items()]
+
+
 def _command(part: Part, command: EvaluateCommand) -> EvaluateCommand:
     assert command.out is not None
     data = command.root or Path()
     options = {
-        name: data / value if isinstance(value, Path) else value for name, value in part.options.items()
+        name: data / value if isinstance(value, Path) else value for name, value in _options(part, command)
     }
     out = command.out / part.name
-    if command.objects is not None and "objects" in options:
-        options["objects"] = min(options["objects"], command.objects)
     given: dict[str, Any] = {"suite": None, "root": None, "out": out, "json": out / FIGURES, **options}
     return replace(command, **given)
 

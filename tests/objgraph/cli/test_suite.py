@@ -16,7 +16,7 @@ from objgraph.bench.comparison.tables import all_tables
 from objgraph.cli.evaluate import run_evaluate
 from objgraph.cli.evaluate_command import FIGURES, EvaluateCommand
 from objgraph.cli.main import _parsed
-from objgraph.cli.suite import line_of, render, run_suite
+from objgraph.cli.suite import _command, line_of, render, run_suite
 from objgraph.cli.suite_parts import parts
 from objgraph.errors import EvaluationError
 from tests.objgraph.bench.test_comparison_report import made_up
@@ -51,6 +51,15 @@ def test_every_part_is_a_command_that_can_be_typed(suite):
             assert typed == (Path("DATA") / value if isinstance(value, Path) else value), name
         for word in ",".join(command.methods).split(","):
             assert method(method_and_start(word)[0])
+
+
+def test_no_more_objects_than_asked_for():
+    asked = EvaluateCommand(out=Path("out"), suite="quick", objects=2)
+    counts = {part.name: line_of(part, asked) for part in parts("quick")}
+    assert "--objects 2" in counts["hard-families"]
+    assert "--objects 1" in counts["ours"]
+    assert "--objects" not in counts["kitti-1"]
+    assert [_command(part, asked).objects for part in parts("quick")][:3] == [2, 2, 1]
 
 
 def test_parts_run_in_their_folders_and_what_has_no_data_is_left_out(tmp_path, capsys):
