@@ -14,7 +14,7 @@ from objgraph.bench.comparison.box_report import box_report
 from objgraph.bench.comparison.cases import SYNTHETIC, CaseSource, SyntheticSource
 from objgraph.bench.comparison.compare import ROWS, Comparison, compare
 from objgraph.bench.comparison.config import ComparisonConfig
-from objgraph.bench.comparison.methods import METHODS, method
+from objgraph.bench.comparison.methods import METHODS, method, released
 from objgraph.bench.comparison.object_report import calibration_report, object_report
 from objgraph.bench.comparison.report import Report
 from objgraph.bench.comparison.rgbd_boxes import rgbd_box_report
@@ -103,6 +103,8 @@ def _running(rows: Path, console: Console) -> Iterator[Progress]:
 
 def _methods(command: EvaluateCommand) -> tuple[str, ...]:
     methods = _items(command.methods, "--methods")
+    if command.released:
+        methods = tuple(released(name) for name in methods)
     if not methods:
         raise EvaluationError(f"--methods names none; available: {', '.join(METHODS)}")
     for name in methods:

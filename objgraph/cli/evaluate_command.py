@@ -76,6 +76,8 @@ class EvaluateCommand:
     """Processes, of one thread each."""
     calibration: bool = False
     """Report how far covariances hold in place of how far estimates are right."""
+    released: bool = False
+    """Take `ours`, `ours-det2d` and `dsp-slam-gn` as the released programs are (docs/evaluation.md), not as we would have them."""
     stability: bool = False
     """Estimate every object six times more, by other draws of points and with two threads, and report how far they differ."""
     retry_failed: bool = False

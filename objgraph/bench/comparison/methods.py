@@ -116,6 +116,12 @@ def method(name: str) -> Method:
     return found
 
 
+def released(name: str) -> str:
+    """The name of a method, with its start if it has one, as the released program is, where there is one."""
+    own, at, start = name.partition("@")
+    return f"{own}-released{at}{start}" if f"{own}-released" in METHODS else name
+
+
 class Clock:
     """What passes from now on, of time and of this process's processor time."""
 

@@ -10,7 +10,7 @@ from factors.gaussian_depth import Probabilistic
 from factors.rendering import CLEAR
 from factors.state import RIGID_DOF
 from objgraph.bench.comparison.config import settings_of
-from objgraph.bench.comparison.methods import METHODS, RELEASED_DIFFERENCES, method
+from objgraph.bench.comparison.methods import METHODS, RELEASED_DIFFERENCES, method, released
 from objgraph.estimate import AdamConfig, AdamEstimator, GaussNewtonEstimator
 from objgraph.estimate.adam import clip_groups, own_from_world_scale
 from objgraph.estimate.gauss_newton import huber_weight
@@ -47,6 +47,12 @@ def entries(settings, name: str = "") -> dict[str, object]:
 def changes(name: str, base: str) -> set[str]:
     one, other = (entries(settings_of(method(each).estimator())) for each in (name, base))
     return {key for key in one.keys() | other.keys() if one.get(key) != other.get(key)}
+
+
+def test_a_method_is_known_by_what_it_is_released_as():
+    assert [released(name) for name in ("ours", "ours@own", "dsp-slam-gn", "ours-det2d", "graph", "ours-released")] == [
+        "ours-released", "ours-released@own", "dsp-slam-gn-released", "ours-det2d-released", "graph", "ours-released",
+    ]  # fmt: skip
 
 
 @pytest.mark.parametrize("base", ["ours", "dsp-slam-gn"])
