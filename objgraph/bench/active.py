@@ -31,7 +31,7 @@ from factors.state import ObjectState
 from objgraph.active.cameras import reachable, sphere
 from objgraph.active.next_view import Criterion, NextViewConfig, ViewGain, next_views
 from objgraph.active.target import Target, target
-from objgraph.bench.comparison.calibration import RIGHT_MODE_DEG
+from objgraph.bench.comparison.objects.calibration import RIGHT_MODE_DEG
 from objgraph.bench.metrics.box_error import box_error, corners_m
 from objgraph.bench.metrics.metrics import evaluate_object
 from objgraph.bench.views_needed import Row, mean_errors, objects_of, seen_by_all, views_needed, within

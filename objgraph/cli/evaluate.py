@@ -8,19 +8,19 @@ from typing import Any
 
 from rich.console import Console
 
-from objgraph.bench.comparison.box_compare import KITTI, LidarComparison, compare_boxes
-from objgraph.bench.comparison.box_compare import ROWS as BOX_ROWS
-from objgraph.bench.comparison.box_report import box_report
-from objgraph.bench.comparison.cases import SYNTHETIC, CaseSource, SyntheticSource
-from objgraph.bench.comparison.compare import ROWS, Comparison, compare
-from objgraph.bench.comparison.config import ComparisonConfig
-from objgraph.bench.comparison.methods import METHODS, method, released
-from objgraph.bench.comparison.object_report import calibration_report, object_report
-from objgraph.bench.comparison.report import Report
-from objgraph.bench.comparison.rgbd_boxes import rgbd_box_report
-from objgraph.bench.comparison.rows import SHARED, STARTS, contender, method_and_start
-from objgraph.bench.comparison.scan_cases import ScanSource, read_split
-from objgraph.bench.comparison.stability import compare_again
+from objgraph.bench.comparison.boxes.compare import KITTI, LidarComparison, compare_boxes
+from objgraph.bench.comparison.boxes.compare import ROWS as BOX_ROWS
+from objgraph.bench.comparison.boxes.report import box_report
+from objgraph.bench.comparison.boxes.rgbd import rgbd_box_report
+from objgraph.bench.comparison.contenders.methods import METHODS, method, released
+from objgraph.bench.comparison.objects.cases import SYNTHETIC, CaseSource, SyntheticSource
+from objgraph.bench.comparison.objects.compare import ROWS, Comparison, compare
+from objgraph.bench.comparison.objects.config import ComparisonConfig
+from objgraph.bench.comparison.objects.report import calibration_report, object_report
+from objgraph.bench.comparison.objects.rows import SHARED, STARTS, contender, method_and_start
+from objgraph.bench.comparison.objects.scan_cases import ScanSource, read_split
+from objgraph.bench.comparison.objects.stability import compare_again
+from objgraph.bench.comparison.writing.report import Report
 from objgraph.bench.worlds.cases import BenchmarkConfig
 from objgraph.bench.worlds.faults import FaultRanges, faults_from
 from objgraph.bench.worlds.viewpoints import VIEWS

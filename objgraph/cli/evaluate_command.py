@@ -6,8 +6,8 @@ from typing import Annotated, Literal
 
 import tyro
 
-from objgraph.bench.comparison.cases import SYNTHETIC
-from objgraph.bench.comparison.rows import SHARED
+from objgraph.bench.comparison.objects.cases import SYNTHETIC
+from objgraph.bench.comparison.objects.rows import SHARED
 from objgraph.bench.worlds.faults import Difficulty
 from objgraph.bench.worlds.meshes import ShapeSet
 from objgraph.cli.suite_parts import Suite

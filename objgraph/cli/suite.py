@@ -10,9 +10,9 @@ from typing import Any
 
 from rich.console import Console
 
-from objgraph.bench.comparison.behind import behind_table
-from objgraph.bench.comparison.grid import Grid
-from objgraph.bench.comparison.store import write_text
+from objgraph.bench.comparison.running.store import write_text
+from objgraph.bench.comparison.writing.behind import behind_table
+from objgraph.bench.comparison.writing.grid import Grid
 from objgraph.cli.evaluate_command import FIGURES, EvaluateCommand
 from objgraph.cli.suite_parts import Part, Suite, parts
 from objgraph.errors import EvaluationError

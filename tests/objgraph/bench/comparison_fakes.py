@@ -10,11 +10,11 @@ import gtsam
 import numpy as np
 
 from factors.state import ObjectState
-from objgraph.bench.comparison import config as comparison_config
-from objgraph.bench.comparison import measure, starts
-from objgraph.bench.comparison.config import ComparisonConfig
-from objgraph.bench.comparison.methods import METHODS, Method
-from objgraph.bench.comparison.rows import ObjectRow
+from objgraph.bench.comparison.contenders.methods import METHODS, Method
+from objgraph.bench.comparison.objects import config as comparison_config
+from objgraph.bench.comparison.objects import measure, starts
+from objgraph.bench.comparison.objects.config import ComparisonConfig
+from objgraph.bench.comparison.objects.rows import ObjectRow
 from objgraph.covariance.labelled import RIGID_AXES, ObjectCovariance
 from objgraph.datasets.ground_truth import AnnotatedScan, GroundTruth
 from objgraph.errors import ObservationError, SolveError

@@ -7,10 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from objgraph.bench.comparison import box_compare, published
-from objgraph.bench.comparison.box_compare import LidarComparison, compare_boxes, estimator_of
-from objgraph.bench.comparison.box_report import box_report
-from objgraph.bench.comparison.box_rows import DETECTIONS, BoxRow, counted, paired, summarize
+from objgraph.bench.comparison.boxes import compare as box_compare
+from objgraph.bench.comparison.boxes.compare import LidarComparison, compare_boxes, estimator_of
+from objgraph.bench.comparison.boxes.report import box_report
+from objgraph.bench.comparison.boxes.rows import DETECTIONS, BoxRow, counted, paired, summarize
+from objgraph.bench.comparison.writing import published
 from objgraph.cli.main import main
 from objgraph.datasets.kitti import load_frame, load_labels
 from objgraph.errors import EvaluationError, SolveError

@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from objgraph.bench.comparison.box_matching import LabelledBox, heading_between_deg, matches
+from objgraph.bench.comparison.boxes.matching import LabelledBox, heading_between_deg, matches
 from objgraph.observation.lidar.frame import Detection
 from objgraph.observation.lidar.kitti_box import KittiBox
 

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
-from objgraph.bench.comparison.calibration import ALL, FUSED, calibration, squared_errors, with_fused
-from objgraph.bench.comparison.plots import reliability_plot
-from objgraph.bench.comparison.rows import ObjectRow
-from objgraph.bench.comparison.tables import calibration_tables
+from objgraph.bench.comparison.objects.calibration import ALL, FUSED, calibration, squared_errors, with_fused
+from objgraph.bench.comparison.objects.plots import reliability_plot
+from objgraph.bench.comparison.objects.rows import ObjectRow
+from objgraph.bench.comparison.objects.tables import calibration_tables
 
 N = 1500
 

@@ -8,19 +8,19 @@ import pytest
 from PIL import Image
 from rich.console import Console
 
-from objgraph.bench.comparison import published
-from objgraph.bench.comparison.grid import Cell, Grid, ranked_across
-from objgraph.bench.comparison.methods import METHODS
-from objgraph.bench.comparison.plots import (
+from objgraph.bench.comparison.contenders.methods import METHODS
+from objgraph.bench.comparison.objects.plots import (
     binned,
     error_plot,
     faults_plot,
     proportion_interval,
     uncertainty_plot,
 )
-from objgraph.bench.comparison.scan_cases import ScanSource, read_split
-from objgraph.bench.comparison.summary import paired, summarize
-from objgraph.bench.comparison.tables import all_tables
+from objgraph.bench.comparison.objects.scan_cases import ScanSource, read_split
+from objgraph.bench.comparison.objects.summary import paired, summarize
+from objgraph.bench.comparison.objects.tables import all_tables
+from objgraph.bench.comparison.writing import published
+from objgraph.bench.comparison.writing.grid import Cell, Grid, ranked_across
 from objgraph.cli import evaluate as evaluate_command
 from objgraph.cli.main import main
 from objgraph.errors import DatasetError
@@ -292,7 +292,7 @@ def test_a_stopped_command_says_that_it_can_go_on(command, monkeypatch, capsys):
     def stop(*_args, **_values):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("objgraph.bench.comparison.measure.measure", stop)
+    monkeypatch.setattr("objgraph.bench.comparison.objects.measure.measure", stop)
     assert main(command) == 1
     printed = capsys.readouterr().out
     assert "the same command goes on from there" in printed

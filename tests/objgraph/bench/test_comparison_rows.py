@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from objgraph.bench.comparison.rows import ObjectRow, csv_text
-from objgraph.bench.comparison.store import RowFile, plain
+from objgraph.bench.comparison.objects.rows import ObjectRow, csv_text
+from objgraph.bench.comparison.running.store import RowFile, plain
 from objgraph.errors import EvaluationError
 from tests.objgraph.bench.comparison_fakes import row
 

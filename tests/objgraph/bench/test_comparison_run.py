@@ -7,14 +7,14 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 
-from objgraph.bench.comparison import config as comparison_config
-from objgraph.bench.comparison import measure as comparing_measure
-from objgraph.bench.comparison import starts
-from objgraph.bench.comparison.compare import CSV, ROWS, Comparison, compare, starts_apart
-from objgraph.bench.comparison.measure import Job, measure
-from objgraph.bench.comparison.methods import METHODS, Method
-from objgraph.bench.comparison.rows import ObjectRow
-from objgraph.bench.comparison.store import SETTINGS
+from objgraph.bench.comparison.contenders.methods import METHODS, Method
+from objgraph.bench.comparison.objects import config as comparison_config
+from objgraph.bench.comparison.objects import measure as comparing_measure
+from objgraph.bench.comparison.objects import starts
+from objgraph.bench.comparison.objects.compare import CSV, ROWS, Comparison, compare, starts_apart
+from objgraph.bench.comparison.objects.measure import Job, measure
+from objgraph.bench.comparison.objects.rows import ObjectRow
+from objgraph.bench.comparison.running.store import SETTINGS
 from objgraph.errors import EvaluationError
 from objgraph.priors.misfit import BoxMisfit
 from tests.objgraph.bench.comparison_fakes import (

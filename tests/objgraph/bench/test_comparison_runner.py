@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 import torch
 
-from objgraph.bench.comparison.runner import run
+from objgraph.bench.comparison.running.runner import run
 from objgraph.errors import EvaluationError
 from tests.conftest import REPOSITORY
 
@@ -78,7 +78,7 @@ def test_nothing_outlives_a_parent_that_is_killed(tmp_path):
     """Workers tell their processes' numbers in files; the parent cannot clean up."""
     script = (
         "from tests.objgraph.bench.test_comparison_runner import Told\n"
-        "from objgraph.bench.comparison.runner import run\n"
+        "from objgraph.bench.comparison.running.runner import run\n"
         "if __name__ == '__main__':\n"
         f"    list(run([Told(name, {str(tmp_path)!r}) for name in 'ab'], 2))\n"
     )

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from objgraph.bench.comparison.compare import Comparison
-from objgraph.bench.comparison.stability import SEEDS, changes_mode, compare_again, stability
+from objgraph.bench.comparison.objects.compare import Comparison
+from objgraph.bench.comparison.objects.stability import SEEDS, changes_mode, compare_again, stability
 from tests.objgraph.bench.comparison_fakes import FAST, FakeCase, FakeSource, install, row
 
 EYE = np.eye(4).tolist()

@@ -6,12 +6,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from objgraph.bench.comparison.compare import Comparison, compare, starts_apart
-from objgraph.bench.comparison.measure import Job, measure
-from objgraph.bench.comparison.methods import METHODS
-from objgraph.bench.comparison.rows import ObjectRow, contender, method_and_start
-from objgraph.bench.comparison.starts import mean_shape_by_icp
-from objgraph.bench.comparison.summary import summarize
+from objgraph.bench.comparison.contenders.methods import METHODS
+from objgraph.bench.comparison.objects.compare import Comparison, compare, starts_apart
+from objgraph.bench.comparison.objects.measure import Job, measure
+from objgraph.bench.comparison.objects.rows import ObjectRow, contender, method_and_start
+from objgraph.bench.comparison.objects.starts import mean_shape_by_icp
+from objgraph.bench.comparison.objects.summary import summarize
 from objgraph.errors import InitialisationError
 from objgraph.observation.sampling import SamplingConfig, observe
 from tests.objgraph.bench.comparison_fakes import FAST, UP, FakeCase, FakeSource, install

@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from objgraph.bench.comparison.bootstrap import Resamples, weighted_medians
-from objgraph.bench.comparison.summary import WORST, paired, summarize
+from objgraph.bench.comparison.objects.summary import WORST, paired, summarize
+from objgraph.bench.comparison.writing.bootstrap import Resamples, weighted_medians
 from tests.objgraph.bench.comparison_fakes import row
 
 

@@ -9,7 +9,7 @@ import torch
 import trimesh
 
 from factors.state import ObjectState
-from objgraph.bench.comparison.uncertainty import SurfaceErrors, gaussian_pearson, surface_errors
+from objgraph.bench.comparison.objects.uncertainty import SurfaceErrors, gaussian_pearson, surface_errors
 from objgraph.covariance.labelled import ObjectCovariance
 from objgraph.datasets.ground_truth import GroundTruth
 from objgraph.priors.fallback import fallback_prior

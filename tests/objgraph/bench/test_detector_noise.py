@@ -5,10 +5,10 @@ import json
 import numpy as np
 import pytest
 
-from objgraph.bench.comparison.box_compare import LidarComparison, compare_boxes
-from objgraph.bench.comparison.box_matching import LabelledBox, heading_between_deg, matches
-from objgraph.bench.comparison.box_report import box_report
-from objgraph.bench.comparison.detector_noise import scaled
+from objgraph.bench.comparison.boxes.compare import LidarComparison, compare_boxes
+from objgraph.bench.comparison.boxes.detector_noise import scaled
+from objgraph.bench.comparison.boxes.matching import LabelledBox, heading_between_deg, matches
+from objgraph.bench.comparison.boxes.report import box_report
 from objgraph.cli.main import main
 from objgraph.datasets.kitti import CATEGORIES, load_frame, load_labels
 from objgraph.errors import EvaluationError

@@ -6,9 +6,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
-from objgraph.bench.comparison.compare import Comparison, compare
-from objgraph.bench.comparison.measure import Job, measure
-from objgraph.bench.comparison.rgbd_boxes import rgbd_box_report, summarize_boxes
+from objgraph.bench.comparison.boxes.rgbd import rgbd_box_report, summarize_boxes
+from objgraph.bench.comparison.objects.compare import Comparison, compare
+from objgraph.bench.comparison.objects.measure import Job, measure
 from objgraph.bench.metrics.placed import PlacedMesh
 from objgraph.cli.main import main
 from objgraph.datasets.ground_truth import AnnotatedScan, TrueBox

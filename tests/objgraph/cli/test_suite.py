@@ -8,11 +8,11 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
-from objgraph.bench.comparison.behind import behind_table
-from objgraph.bench.comparison.methods import method
-from objgraph.bench.comparison.rows import method_and_start
-from objgraph.bench.comparison.summary import paired, summarize
-from objgraph.bench.comparison.tables import all_tables
+from objgraph.bench.comparison.contenders.methods import method
+from objgraph.bench.comparison.objects.rows import method_and_start
+from objgraph.bench.comparison.objects.summary import paired, summarize
+from objgraph.bench.comparison.objects.tables import all_tables
+from objgraph.bench.comparison.writing.behind import behind_table
 from objgraph.cli.evaluate import run_evaluate
 from objgraph.cli.evaluate_command import FIGURES, EvaluateCommand
 from objgraph.cli.main import _parsed

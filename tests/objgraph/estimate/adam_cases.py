@@ -7,7 +7,7 @@ import numpy as np
 import torch
 
 from factors.state import RIGID_DOF, ObjectState
-from objgraph.bench.comparison.methods import METHODS
+from objgraph.bench.comparison.contenders.methods import METHODS
 from objgraph.estimate import AdamConfig, AdamEstimator, GaussNewtonConfig, GaussNewtonEstimator
 from objgraph.estimate.adam import _Descent
 from objgraph.estimate.pool import Pool

@@ -8,7 +8,7 @@ import torch
 
 from factors.gaussian_depth import Probabilistic
 from factors.state import RIGID_DOF
-from objgraph.bench.comparison.methods import METHODS
+from objgraph.bench.comparison.contenders.methods import METHODS
 from objgraph.estimate import AdamEstimator, GaussNewtonConfig, GaussNewtonEstimator
 from objgraph.estimate.task import Estimate
 from tests.objgraph.estimate.adam_cases import (

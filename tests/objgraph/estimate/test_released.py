@@ -9,8 +9,8 @@ import torch
 from factors.gaussian_depth import Probabilistic
 from factors.rendering import CLEAR
 from factors.state import RIGID_DOF
-from objgraph.bench.comparison.config import settings_of
-from objgraph.bench.comparison.methods import METHODS, RELEASED_DIFFERENCES, method, released
+from objgraph.bench.comparison.contenders.methods import METHODS, RELEASED_DIFFERENCES, method, released
+from objgraph.bench.comparison.objects.config import settings_of
 from objgraph.estimate import AdamConfig, AdamEstimator, GaussNewtonEstimator
 from objgraph.estimate.adam import clip_groups, own_from_world_scale
 from objgraph.estimate.gauss_newton import huber_weight

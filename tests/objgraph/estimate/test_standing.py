@@ -8,7 +8,7 @@ import pytest
 
 from factors.floor import FloorFactor
 from factors.gaussian_depth import Probabilistic
-from objgraph.bench.comparison.methods import METHODS, method
+from objgraph.bench.comparison.contenders.methods import METHODS, method
 from objgraph.estimate import AdamEstimator
 from objgraph.estimate.graph import GraphEstimator
 from objgraph.estimate.standing import Standing

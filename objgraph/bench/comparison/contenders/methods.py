@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from factors.gaussian_depth import Deterministic, Sampled
-from objgraph.bench.comparison.released import RELEASED_DET2D, RELEASED_GN, RELEASED_OURS, changed
+from objgraph.bench.comparison.contenders.released import RELEASED_DET2D, RELEASED_GN, RELEASED_OURS, changed
 from objgraph.errors import EvaluationError, ObjectGraphError, SolveError
 from objgraph.estimate import AdamConfig, AdamEstimator, GaussNewtonEstimator
 from objgraph.estimate.graph import GraphEstimator

@@ -3,18 +3,23 @@
 from collections.abc import Sequence
 from typing import Any
 
-from objgraph.bench.comparison import calibration
-from objgraph.bench.comparison.cases import SYNTHETIC
-from objgraph.bench.comparison.compare import ROWS, Comparison, starts_apart
-from objgraph.bench.comparison.config import prior_hash, row_settings
-from objgraph.bench.comparison.measure import WELL_RECONSTRUCTED
-from objgraph.bench.comparison.plots import error_plot, faults_plot, reliability_plot, uncertainty_plot
-from objgraph.bench.comparison.report import Report
-from objgraph.bench.comparison.rows import ObjectRow
-from objgraph.bench.comparison.stability import MEASURED as OF_STABILITY
-from objgraph.bench.comparison.stability import stability
-from objgraph.bench.comparison.summary import WORST, paired, summarize
-from objgraph.bench.comparison.tables import all_tables, calibration_tables, stability_table
+from objgraph.bench.comparison.objects import calibration
+from objgraph.bench.comparison.objects.cases import SYNTHETIC
+from objgraph.bench.comparison.objects.compare import ROWS, Comparison, starts_apart
+from objgraph.bench.comparison.objects.config import prior_hash, row_settings
+from objgraph.bench.comparison.objects.measure import WELL_RECONSTRUCTED
+from objgraph.bench.comparison.objects.plots import (
+    error_plot,
+    faults_plot,
+    reliability_plot,
+    uncertainty_plot,
+)
+from objgraph.bench.comparison.objects.rows import ObjectRow
+from objgraph.bench.comparison.objects.stability import MEASURED as OF_STABILITY
+from objgraph.bench.comparison.objects.stability import stability
+from objgraph.bench.comparison.objects.summary import WORST, paired, summarize
+from objgraph.bench.comparison.objects.tables import all_tables, calibration_tables, stability_table
+from objgraph.bench.comparison.writing.report import Report
 from objgraph.errors import EvaluationError
 
 MEASURED = (

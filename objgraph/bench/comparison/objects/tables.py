@@ -5,12 +5,12 @@ from itertools import groupby
 from operator import itemgetter
 from typing import Any
 
-from objgraph.bench.comparison import published
-from objgraph.bench.comparison.grid import NONE, Cell, Grid, ranged, ranked, ranked_across
-from objgraph.bench.comparison.measure import WELL_RECONSTRUCTED
-from objgraph.bench.comparison.methods import METHODS
-from objgraph.bench.comparison.report import Entry
-from objgraph.bench.comparison.summary import WORST
+from objgraph.bench.comparison.contenders.methods import METHODS
+from objgraph.bench.comparison.objects.measure import WELL_RECONSTRUCTED
+from objgraph.bench.comparison.objects.summary import WORST
+from objgraph.bench.comparison.writing import published
+from objgraph.bench.comparison.writing.grid import NONE, Cell, Grid, ranged, ranked, ranked_across
+from objgraph.bench.comparison.writing.report import Entry
 
 _RATES = ("pose_rate", "iou_rate", "chamfer_rate")
 _ERRORS = ("translation\n(cm)", "rotation\n(deg)", "Chamfer\n(cm)")

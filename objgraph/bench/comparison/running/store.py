@@ -10,7 +10,7 @@ from dataclasses import Field, asdict
 from pathlib import Path
 from typing import Any, ClassVar, Generic, Protocol, Self, TypeVar
 
-from objgraph.bench.comparison.runner import Job, run
+from objgraph.bench.comparison.running.runner import Job, run
 from objgraph.errors import EvaluationError
 
 log = logging.getLogger(__name__)

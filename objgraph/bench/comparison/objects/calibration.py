@@ -10,8 +10,8 @@ import numpy as np
 from jaxtyping import Float
 from scipy.stats import chi2, norm
 
-from objgraph.bench.comparison.bootstrap import Interval, Resamples, same_objects, with_intervals
-from objgraph.bench.comparison.rows import ObjectRow
+from objgraph.bench.comparison.objects.rows import ObjectRow
+from objgraph.bench.comparison.writing.bootstrap import Interval, Resamples, same_objects, with_intervals
 
 LEVELS = (0.50, 0.90, 0.95)
 RIGHT_MODE_DEG = 45.0

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from objgraph.bench.comparison.store import R
+from objgraph.bench.comparison.running.store import R
 
 LEVEL = 0.95
 RESAMPLES = 2000

@@ -8,12 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from objgraph.bench.comparison.box_matching import LabelledBox, MatchConfig, heading_between_deg, matches
-from objgraph.bench.comparison.box_rows import DETECTIONS, BoxRow
-from objgraph.bench.comparison.config import find_prior, settings_of
-from objgraph.bench.comparison.detector_noise import scaled
-from objgraph.bench.comparison.methods import Clock, estimated, method
-from objgraph.bench.comparison.store import Tell, complete, digest, plain
+from objgraph.bench.comparison.boxes.detector_noise import scaled
+from objgraph.bench.comparison.boxes.matching import LabelledBox, MatchConfig, heading_between_deg, matches
+from objgraph.bench.comparison.boxes.rows import DETECTIONS, BoxRow
+from objgraph.bench.comparison.contenders.methods import Clock, estimated, method
+from objgraph.bench.comparison.objects.config import find_prior, settings_of
+from objgraph.bench.comparison.running.store import Tell, complete, digest, plain
 from objgraph.bench.metrics.placed import PlacedMesh
 from objgraph.covariance.box import box_pose
 from objgraph.datasets.kitti import CATEGORIES, detection_ids, frames, load_frame, load_labels

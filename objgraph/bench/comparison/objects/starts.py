@@ -13,8 +13,8 @@ from jaxtyping import Float
 
 from factors.sdf_decoder import SdfDecoder
 from factors.state import ObjectState
-from objgraph.bench.comparison.config import ComparisonConfig
-from objgraph.bench.comparison.methods import StartKind
+from objgraph.bench.comparison.contenders.methods import StartKind
+from objgraph.bench.comparison.objects.config import ComparisonConfig
 from objgraph.errors import InitialisationError
 from objgraph.geometry.frames import transformed_back
 from objgraph.graph.builder import ObjectBuilder

@@ -8,12 +8,12 @@ from pathlib import Path
 
 import numpy as np
 
-from objgraph.bench.comparison.cases import Case, CaseSource
-from objgraph.bench.comparison.config import ComparisonConfig, row_settings
-from objgraph.bench.comparison.measure import Job
-from objgraph.bench.comparison.methods import method
-from objgraph.bench.comparison.rows import SHARED, Key, ObjectRow, csv_text, method_and_start
-from objgraph.bench.comparison.store import Tell, complete, digest, write_text
+from objgraph.bench.comparison.contenders.methods import method
+from objgraph.bench.comparison.objects.cases import Case, CaseSource
+from objgraph.bench.comparison.objects.config import ComparisonConfig, row_settings
+from objgraph.bench.comparison.objects.measure import Job
+from objgraph.bench.comparison.objects.rows import SHARED, Key, ObjectRow, csv_text, method_and_start
+from objgraph.bench.comparison.running.store import Tell, complete, digest, write_text
 from objgraph.errors import EvaluationError
 
 log = logging.getLogger(__name__)

@@ -6,12 +6,12 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from objgraph.bench.comparison import published
-from objgraph.bench.comparison.bootstrap import LEVEL
-from objgraph.bench.comparison.box_compare import LidarComparison, row_settings
-from objgraph.bench.comparison.box_rows import DETECTIONS, IOUS, BoxRow, counted, paired, summarize
-from objgraph.bench.comparison.grid import Cell, Grid, ranged, ranked
-from objgraph.bench.comparison.report import Entry, Report
+from objgraph.bench.comparison.boxes.compare import LidarComparison, row_settings
+from objgraph.bench.comparison.boxes.rows import DETECTIONS, IOUS, BoxRow, counted, paired, summarize
+from objgraph.bench.comparison.writing import published
+from objgraph.bench.comparison.writing.bootstrap import LEVEL
+from objgraph.bench.comparison.writing.grid import Cell, Grid, ranged, ranked
+from objgraph.bench.comparison.writing.report import Entry, Report
 from objgraph.errors import EvaluationError
 from objgraph.maps.colors import COLORS
 from objgraph.show.figure import finish

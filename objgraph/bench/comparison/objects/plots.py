@@ -10,9 +10,9 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullLocator
 from scipy.stats import binomtest, chi2
 
-from objgraph.bench.comparison.calibration import DOF, squared_errors
-from objgraph.bench.comparison.report import Entry
-from objgraph.bench.comparison.rows import ObjectRow
+from objgraph.bench.comparison.objects.calibration import DOF, squared_errors
+from objgraph.bench.comparison.objects.rows import ObjectRow
+from objgraph.bench.comparison.writing.report import Entry
 from objgraph.maps.colors import COLORS
 from objgraph.show.figure import finish
 

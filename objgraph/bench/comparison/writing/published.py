@@ -1,6 +1,6 @@
 """The paper's own figures: table_quantitative_scanet and table_uncertainty on ScanNet, fig_quantitative_kitti on KITTI."""
 
-from objgraph.bench.comparison.rows import method_and_start
+from objgraph.bench.comparison.objects.rows import method_and_start
 
 LABELS = {
     "node-slam": "Node-SLAM*",

@@ -6,10 +6,10 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-from objgraph.bench.comparison.cases import CaseSource
-from objgraph.bench.comparison.methods import method
-from objgraph.bench.comparison.rows import SHARED, method_and_start
-from objgraph.bench.comparison.uncertainty import POINTS
+from objgraph.bench.comparison.contenders.methods import method
+from objgraph.bench.comparison.objects.cases import CaseSource
+from objgraph.bench.comparison.objects.rows import SHARED, method_and_start
+from objgraph.bench.comparison.objects.uncertainty import POINTS
 from objgraph.graph.builder import GraphConfig
 from objgraph.graph.initialise import InitialisationConfig
 from objgraph.observation.sampling import SamplingConfig

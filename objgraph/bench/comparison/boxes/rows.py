@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from objgraph.bench.comparison.bootstrap import Resamples, same_objects, with_intervals
+from objgraph.bench.comparison.writing.bootstrap import Resamples, same_objects, with_intervals
 
 DETECTIONS = "detections"
 """The name under which the detected boxes themselves stand among the methods."""

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from objgraph.bench.comparison.bootstrap import Resamples, same_objects, with_intervals
-from objgraph.bench.comparison.rows import ObjectRow
-from objgraph.bench.comparison.uncertainty import SurfaceErrors, gaussian_pearson
+from objgraph.bench.comparison.objects.rows import ObjectRow
+from objgraph.bench.comparison.objects.uncertainty import SurfaceErrors, gaussian_pearson
+from objgraph.bench.comparison.writing.bootstrap import Resamples, same_objects, with_intervals
 
 WORST = {"chamfer_m": 1.0, "translation_m": 1.0, "rotation_deg": 180.0}
 """What an error counts as at most in a difference; a failure's counts as this."""

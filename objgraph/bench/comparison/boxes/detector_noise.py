@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from objgraph.bench.comparison.box_matching import LabelledBox
+from objgraph.bench.comparison.boxes.matching import LabelledBox
 from objgraph.observation.lidar.frame import Detection
 
 

@@ -7,9 +7,9 @@ from typing import Any
 
 from rich.console import Console
 
-from objgraph.bench.comparison.bootstrap import LEVEL, RESAMPLES
-from objgraph.bench.comparison.grid import Grid
-from objgraph.bench.comparison.store import Row, write_text
+from objgraph.bench.comparison.running.store import Row, write_text
+from objgraph.bench.comparison.writing.bootstrap import LEVEL, RESAMPLES
+from objgraph.bench.comparison.writing.grid import Grid
 from objgraph.training.mesh_folder import write_json
 from objgraph.version import program_version
 

@@ -5,13 +5,13 @@ from itertools import product
 
 import numpy as np
 
-from objgraph.bench.comparison import published
-from objgraph.bench.comparison.bootstrap import LEVEL, Resamples, with_intervals
-from objgraph.bench.comparison.compare import Comparison, starts_apart
-from objgraph.bench.comparison.config import prior_hash, row_settings
-from objgraph.bench.comparison.grid import NONE, Cell, Grid, ranged
-from objgraph.bench.comparison.report import Entry, Report
-from objgraph.bench.comparison.rows import ObjectRow
+from objgraph.bench.comparison.objects.compare import Comparison, starts_apart
+from objgraph.bench.comparison.objects.config import prior_hash, row_settings
+from objgraph.bench.comparison.objects.rows import ObjectRow
+from objgraph.bench.comparison.writing import published
+from objgraph.bench.comparison.writing.bootstrap import LEVEL, Resamples, with_intervals
+from objgraph.bench.comparison.writing.grid import NONE, Cell, Grid, ranged
+from objgraph.bench.comparison.writing.report import Entry, Report
 from objgraph.bench.metrics.metrics import IOU_LIMIT
 
 MEASURED = (

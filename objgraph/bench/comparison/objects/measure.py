@@ -11,13 +11,13 @@ import torch
 import trimesh
 
 from factors.state import ObjectState
-from objgraph.bench.comparison.cases import Case
-from objgraph.bench.comparison.config import ComparisonConfig, find_prior
-from objgraph.bench.comparison.methods import Clock, StartKind, estimated, failure_of, method
-from objgraph.bench.comparison.rows import SHARED, ObjectRow, method_and_start
-from objgraph.bench.comparison.starts import Start, find_start
-from objgraph.bench.comparison.store import plain
-from objgraph.bench.comparison.uncertainty import surface_errors
+from objgraph.bench.comparison.contenders.methods import Clock, StartKind, estimated, failure_of, method
+from objgraph.bench.comparison.objects.cases import Case
+from objgraph.bench.comparison.objects.config import ComparisonConfig, find_prior
+from objgraph.bench.comparison.objects.rows import SHARED, ObjectRow, method_and_start
+from objgraph.bench.comparison.objects.starts import Start, find_start
+from objgraph.bench.comparison.objects.uncertainty import surface_errors
+from objgraph.bench.comparison.running.store import plain
 from objgraph.bench.metrics.box_error import box_error
 from objgraph.bench.metrics.metrics import BoxEvaluation, Evaluation, evaluate_box, evaluate_object
 from objgraph.bench.metrics.placed import PlacedMesh

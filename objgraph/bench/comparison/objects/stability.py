@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from objgraph.bench.comparison.compare import Comparison, compare
-from objgraph.bench.comparison.rows import ObjectRow
-from objgraph.bench.comparison.store import Tell
+from objgraph.bench.comparison.objects.compare import Comparison, compare
+from objgraph.bench.comparison.objects.rows import ObjectRow
+from objgraph.bench.comparison.running.store import Tell
 
 SEEDS = 5
 """Of sampling, with one thread; the first of them once more with two."""

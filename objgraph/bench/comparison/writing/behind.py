@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from typing import Any
 
-from objgraph.bench.comparison.grid import Cell, Grid
+from objgraph.bench.comparison.writing.grid import Cell, Grid
 
 _FIGURES = (
     ("pose_rate", "9-DoF pose", 1.0, 3, 1),

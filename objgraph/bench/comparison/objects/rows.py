@@ -67,7 +67,7 @@ class ObjectRow:
     iou_correct: bool = False
     chamfer_correct: bool = False
     well_reconstructed: bool = False
-    """See `objgraph.bench.comparison.measure.WELL_RECONSTRUCTED`."""
+    """See `objgraph.bench.comparison.objects.measure.WELL_RECONSTRUCTED`."""
     translation_m: float | None = None
     rotation_deg: float | None = None
     scale_pct: float | None = None

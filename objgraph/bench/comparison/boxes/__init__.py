@@ -1,0 +1,1 @@
+"""Methods on objects whose truth is a box."""

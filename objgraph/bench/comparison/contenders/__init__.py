@@ -1,0 +1,1 @@
+"""What is compared: estimators by name, and what released programs do otherwise."""

@@ -1,0 +1,1 @@
+"""Methods on objects with a true shape."""

@@ -1,0 +1,1 @@
+"""Rows made in processes and kept on disk."""

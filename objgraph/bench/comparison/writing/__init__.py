@@ -1,0 +1,1 @@
+"""What is written of any comparison: tables, intervals, published figures."""
