@@ -8,12 +8,12 @@ from dataclasses import dataclass
 from typing import Literal
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from torch import Tensor, nn
 
-from factors.affine import through
+from factors.affine import affine, through
 from factors.errors import FactorError
-from factors.sdf_decoder import LinearInjection
+from factors.sdf_decoder import LinearInjection, SdfJet
 
 _ACTIVATIONS = {"silu": nn.functional.silu, "relu": nn.functional.relu, "softplus": nn.functional.softplus}
 
@@ -80,8 +80,52 @@ class Decoder(LinearInjection):
             h = activation(pre)
         return self.output(h).squeeze(-1)
 
+    def _linearize(
+        self, points: Float[Tensor, "n 3"], codes: Float[Tensor, "b l"], owner: Int[Tensor, "n"] | None
+    ) -> SdfJet:
+        """By hand where the activation's derivative is seen from its value: autograd takes half as long again."""
+        if self.config.activation != "relu" or type(self)._network is not Decoder._network:
+            return super()._linearize(points, codes, owner)
+        with torch.no_grad():
+            features, injected = self._features(points), self._inject(codes, owner, len(points))
+            layers: list[Tensor] = []
+            for i in range(self.config.depth):
+                pre = through(self.hidden[i - 1], layers[-1]) if i else points.new_zeros(())
+                if (entry := str(i)) in injected:
+                    pre = pre + through(self.from_point[entry], features).add_(injected[entry])
+                layers.append(pre.relu_())
+            value = self.output(layers[-1]).squeeze(-1)
+            d_layer, d_features, d_injected = self.output.weight.expand(len(points), -1), 0.0, {}
+            for i in reversed(range(self.config.depth)):
+                d_layer = torch.ops.aten.threshold_backward(d_layer, layers[i], 0)
+                if (entry := str(i)) in injected:
+                    d_features = d_features + _back(self.from_point[entry], d_layer)
+                    d_injected[entry] = d_layer
+                if i:
+                    d_layer = _back(self.hidden[i - 1], d_layer)
+            d_point = self._point_gradient(features, torch.as_tensor(d_features))
+            return SdfJet(value, d_point, self._code_gradient(d_injected))
+
+    def _point_gradient(
+        self, features: Float[Tensor, "n f"], d_features: Float[Tensor, "n f"]
+    ) -> Float[Tensor, "n 3"]:
+        """Derivative w.r.t. the point, given that w.r.t. its features."""
+        if self.config.octaves == 0:
+            return d_features
+        rest = [3 * self.config.octaves] * 2
+        _, sin, cos = features.split([3, *rest], dim=1)
+        d_point, d_sin, d_cos = d_features.split([3, *rest], dim=1)
+        d_angle = (d_sin * cos - d_cos * sin).unflatten(1, (3, -1))
+        return d_point + (d_angle * self.frequencies).sum(dim=2)
+
     def _features(self, points: Float[Tensor, "n 3"]) -> Float[Tensor, "n f"]:
         if self.config.octaves == 0:
             return points
         angles = (points[:, :, None] * self.frequencies).flatten(1)
         return torch.cat([points, angles.sin(), angles.cos()], dim=-1)
+
+
+def _back(layer: nn.Module, d_output: Float[Tensor, "n o"]) -> Float[Tensor, "n i"]:
+    """Derivative w.r.t. what a linear layer was given."""
+    assert isinstance(layer, nn.Linear)
+    return affine(d_output, layer.weight.t().contiguous())

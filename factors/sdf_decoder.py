@@ -8,6 +8,7 @@ import torch
 from jaxtyping import Float, Int
 from torch import Tensor, nn
 
+from factors.affine import affine
 from factors.errors import FactorError
 
 _IN_CACHE = 2048
@@ -147,4 +148,5 @@ class LinearInjection(SdfDecoder):
 
     def _code_gradient(self, d_injected: dict[str, Float[Tensor, "n w"]]) -> Float[Tensor, "n l"]:
         weights = {layer: self.get_parameter(f"from_code.{layer}.weight") for layer in d_injected}
-        return torch.stack([rows @ weights[layer] for layer, rows in d_injected.items()]).sum(dim=0)
+        parts = [affine(rows, weights[layer].t().contiguous()) for layer, rows in d_injected.items()]
+        return sum(parts[1:], start=parts[0])

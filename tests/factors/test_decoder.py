@@ -24,6 +24,23 @@ def test_jacobian_is_autograds_own(settings):
     torch.testing.assert_close(jet.value, decoder(points, codes).detach())
 
 
+@pytest.mark.parametrize("settings", [{}, {"skip": 0}, {"octaves": 2}, {"depth": 1, "skip": 0}])
+@pytest.mark.parametrize("owner", [None, torch.tensor([0, 1, 1, 0, 1])])
+def test_derivatives_by_hand_are_autograds(settings, owner):
+    torch.manual_seed(3)
+    decoder = Decoder(
+        DecoderConfig(**{"code_length": 6, "width": 16, "activation": "relu"} | settings)
+    ).double()
+    points, codes = torch.randn(5, 3).double(), torch.randn(1 if owner is None else 2, 6).double()
+    jet = decoder.linearize(points, codes, owner)
+    points.requires_grad_()
+    rows = codes.expand(5, -1).clone() if owner is None else codes[owner]
+    value = decoder(points, rows.requires_grad_(), torch.arange(5))
+    d_point, d_code = torch.autograd.grad(value.sum(), [points, rows])
+    for found, true in zip(jet, (value.detach(), d_point, d_code), strict=True):
+        torch.testing.assert_close(found, true)
+
+
 def test_owner_tells_shapes_apart(decoder):
     points, codes = torch.randn(6, 3).double(), torch.randn(2, CODE_LENGTH).double()
     owner = torch.tensor([0, 1, 1, 0, 0, 1])
