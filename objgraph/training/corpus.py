@@ -1,9 +1,12 @@
 """The shapes that a prior is trained on: collected meshes, their warped copies, procedural families."""
 
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from functools import lru_cache, partial
+from functools import cache, lru_cache, partial
+from multiprocessing import get_context
 from pathlib import Path
 
 import numpy as np
@@ -26,6 +29,9 @@ from objgraph.training.swaps import SWAPPED, swap
 from objgraph.training.warps import random_warp
 
 log = logging.getLogger(__name__)
+
+Progress = Callable[[str, int, int], None]
+"""Called with what is sampled, how many are done, and how many there are."""
 
 
 @dataclass(frozen=True)
@@ -63,25 +69,32 @@ class Corpus:
 
 
 def build_corpus(
-    category: str, meshes: Path | None, corpus: CorpusConfig, samples: SampleConfig, cache: Path
+    category: str,
+    meshes: Sequence[Path],
+    corpus: CorpusConfig,
+    samples: SampleConfig,
+    cache: Path,
+    jobs: int = 1,
+    progress: Progress | None = None,
 ) -> Corpus:
-    """Sample every shape of a category, or read its samples from the cache.
+    """Sample every shape of a category, or read its samples from the cache; in `jobs` processes.
 
     Raises:
-        PriorError: the category has no family, or the mesh folder cannot be read.
+        PriorError: the category has no family, or no mesh folder lists it, or one cannot be read.
     """
-    if category not in FAMILIES and meshes is None:
+    if category not in FAMILIES and not meshes:
         raise PriorError(
             f"category {category!r} has no procedural family ({', '.join(FAMILIES)}): give a folder of meshes"
         )
     parts = []
-    if meshes is not None:
-        entries = read_index(meshes, category)
-        parts.append(_collected_corpus(meshes, entries, corpus, samples, cache))
-        if category in SWAPPED:
-            parts.append(_swapped_corpus(category, meshes, parts[0].used, corpus, samples, cache))
-    if category in FAMILIES:
-        parts.append(_procedural_corpus(category, corpus, samples, cache))
+    with _pool(jobs) as pool:
+        make = _Maker(corpus, samples, cache, pool, progress)
+        if meshes:
+            parts.append(make.collected(_listed(meshes, category)))
+            if category in SWAPPED:
+                parts.append(make.swapped(category, parts[0].used))
+        if category in FAMILIES:
+            parts.append(make.procedural(category))
     return Corpus(
         training=tuple(shape for part in parts for shape in part.training),
         heldout=tuple(shape for part in parts for shape in part.heldout),
@@ -91,83 +104,130 @@ def build_corpus(
     )
 
 
-def _collected_corpus(
-    folder: Path, entries: list[CadMesh], corpus: CorpusConfig, samples: SampleConfig, cache: Path
-) -> Corpus:
-    """Collected meshes with warped copies of those that are trained on; what cannot be closed is left out."""
-    held = heldout_groups(entries, corpus.heldout_share)
-    if corpus.validation:
-        entries = [entry for entry in entries if entry.group not in held]
-        held = heldout_groups(entries, corpus.heldout_share)
-    shapes: dict[bool, list[SdfSamples]] = {True: [], False: []}
-    kept: dict[bool, list[CadMesh]] = {True: [], False: []}
-    skipped: dict[str, str] = {}
-    for entry in entries:
-        unseen = entry.group in held
-        copies = 0 if unseen else corpus.copies
+def _listed(folders: Sequence[Path], category: str) -> list[CadMesh]:
+    """What all folders list of a category; one that lists none of it is passed over, if another does."""
+    entries, missing = [], []
+    for folder in folders:
         try:
-            shapes[unseen] += _collected(
-                folder / entry.file, entry.file, copies, corpus.seed, samples, cache, unseen
-            )
+            entries += read_index(folder, category)
+        except PriorError as error:
+            if not (folder / "index.json").is_file():
+                raise
+            missing.append(error)
+    if not entries:
+        raise missing[0]
+    return entries
+
+
+def heldout(entries: Sequence[CadMesh], share: float = HELDOUT_SHARE) -> set[str]:
+    """Groups held out, of every folder by itself."""
+    folders = {entry.folder for entry in entries}
+    return {
+        group
+        for folder in folders
+        for group in heldout_groups([entry for entry in entries if entry.folder == folder], share)
+    }
+
+
+@contextmanager
+def _pool(jobs: int) -> Iterator[ProcessPoolExecutor | None]:
+    if jobs == 1:
+        yield None
+        return
+    with ProcessPoolExecutor(jobs, get_context("spawn")) as pool:
+        try:
+            yield pool
+        except BaseException:
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise
+
+
+@dataclass(frozen=True)
+class _Maker:
+    """Makes the parts of a corpus."""
+
+    corpus: CorpusConfig
+    samples: SampleConfig
+    cache: Path
+    pool: ProcessPoolExecutor | None
+    progress: Progress | None
+
+    def collected(self, entries: list[CadMesh]) -> Corpus:
+        """Collected meshes with warped copies of those that are trained on; what cannot be closed is left out."""
+        held = heldout(entries, self.corpus.heldout_share)
+        if self.corpus.validation:
+            entries = [entry for entry in entries if entry.group not in held]
+            held = heldout(entries, self.corpus.heldout_share)
+        shapes: dict[bool, list[SdfSamples]] = {True: [], False: []}
+        kept: dict[bool, list[CadMesh]] = {True: [], False: []}
+        skipped: dict[str, str] = {}
+        works = [partial(_collected, entry, self.corpus, entry.group in held) for entry in entries]
+        for entry, found in zip(entries, self._made("meshes", works), strict=True):
+            unseen = entry.group in held
+            if isinstance(found, str):
+                skipped[entry.file] = found
+                log.warning("%s is left out: %s", entry.file, found)
+                continue
+            shapes[unseen] += found
             kept[unseen].append(entry)
-        except PriorError as error:
-            skipped[entry.file] = str(error)
-            log.warning("%s is left out: %s", entry.file, error)
-    return Corpus(tuple(shapes[False]), tuple(shapes[True]), tuple(kept[False]), tuple(kept[True]), skipped)
-
-
-def _swapped_corpus(
-    category: str,
-    folder: Path,
-    entries: tuple[CadMesh, ...],
-    corpus: CorpusConfig,
-    samples: SampleConfig,
-    cache: Path,
-) -> Corpus:
-    """Tops of meshes that are trained on, on the bases of others; warped, as their copies are."""
-    solid = lru_cache(maxsize=None)(lambda file: _solid(folder / file, file))
-    files = [entry.file for entry in entries]
-    shapes: list[SdfSamples] = []
-    # about one pair in two does not fit
-    for i in range(4 * corpus.swaps):
-        if len(shapes) == corpus.swaps or len(files) < 2:
-            break
-        rng = np.random.default_rng([corpus.seed, i])
-        top, base = rng.choice(files, 2, replace=False)
-
-        def swapped(top: str = top, base: str = base, rng: np.random.Generator = rng) -> Solid:
-            return swap(solid(top), solid(base), category, rng).warped(random_warp(rng))
-
-        key = cache_key(
-            [read_mesh(folder / top), read_mesh(folder / base)], samples, corpus.seed, i, SOLID_VERSION
+        return Corpus(
+            tuple(shapes[False]), tuple(shapes[True]), tuple(kept[False]), tuple(kept[True]), skipped
         )
-        refused = cache / f"{key}.refused"
-        if refused.exists():
-            continue
-        try:
-            shapes.append(_cached(f"swap/{top}+{base}#{i}", key, samples, cache, swapped, measured=False))
-        except PriorError as error:
-            log.info("no swap: %s", error)
-            cache.mkdir(parents=True, exist_ok=True)
-            refused.touch()
-    return Corpus(tuple(shapes), heldout=(), used=(), unseen=(), skipped={})
+
+    def swapped(self, category: str, entries: tuple[CadMesh, ...]) -> Corpus:
+        """Tops of meshes that are trained on, on the bases of others; warped, as their copies are."""
+        shapes: list[SdfSamples] = []
+        wanted, tried, seed = self.corpus.swaps if len(entries) > 1 else 0, 0, self.corpus.seed
+        # about one pair in two does not fit
+        while len(shapes) < wanted and tried < 4 * wanted:
+            block = range(tried, min(tried + 2 * (wanted - len(shapes)), 4 * wanted))
+            works = [partial(_swapped, category, *_pair(entries, seed, i), seed, i) for i in block]
+            for found in self._made("swaps", works):
+                shapes += [] if isinstance(found, str) else found
+            tried = block.stop
+        return Corpus(tuple(shapes[:wanted]), heldout=(), used=(), unseen=(), skipped={})
+
+    def procedural(self, category: str) -> Corpus:
+        """Procedural meshes, one in `procedural_heldout` of them held out."""
+        shapes: dict[bool, list[SdfSamples]] = {True: [], False: []}
+        every = self.corpus.procedural_heldout
+        drawn = list(draw(category, self.corpus.procedural, self.corpus.seed))
+        unseen = [i % every == every - 1 for i in range(len(drawn))]
+        works = [
+            partial(_procedural, mesh, name, held) for (name, mesh), held in zip(drawn, unseen, strict=True)
+        ]
+        for held, found in zip(unseen, self._made("families", works), strict=True):
+            if isinstance(found, str):
+                raise PriorError(found)
+            shapes[held] += found
+        return Corpus(tuple(shapes[False]), tuple(shapes[True]), used=(), unseen=(), skipped={})
+
+    def _made(self, words: str, works: Sequence["_Work"]) -> Iterator["list[SdfSamples] | str"]:
+        """What comes of each work, in their order; of one that fails, why."""
+        ask = partial(_tried, self.samples, self.cache)
+        results = map(ask, works) if self.pool is None else self.pool.map(ask, works, chunksize=4)
+        for i, result in enumerate(results):
+            if self.progress is not None:
+                self.progress(words, i + 1, len(works))
+            yield result
 
 
-def _procedural_corpus(category: str, corpus: CorpusConfig, samples: SampleConfig, cache: Path) -> Corpus:
-    """Procedural meshes, one in `procedural_heldout` of them held out."""
-    shapes: dict[bool, list[SdfSamples]] = {True: [], False: []}
-    for i, (name, mesh) in enumerate(draw(category, corpus.procedural, corpus.seed)):
-        unseen = i % corpus.procedural_heldout == corpus.procedural_heldout - 1
-        shapes[unseen].append(_procedural(mesh, name, samples, cache, unseen))
-    return Corpus(tuple(shapes[False]), tuple(shapes[True]), used=(), unseen=(), skipped={})
+_Work = Callable[[SampleConfig, Path], list[SdfSamples]]
+
+
+def _tried(samples: SampleConfig, cache: Path, work: _Work) -> list[SdfSamples] | str:
+    try:
+        return work(samples, cache)
+    except PriorError as error:
+        return str(error)
 
 
 def _collected(
-    path: Path, name: str, copies: int, seed: int, samples: SampleConfig, cache: Path, measured: bool
+    entry: CadMesh, corpus: CorpusConfig, unseen: bool, samples: SampleConfig, cache: Path
 ) -> list[SdfSamples]:
-    """A collected mesh and its warped copies; `measured` adds points on the surface."""
-    mesh = read_mesh(path)
-    original = lru_cache(maxsize=1)(lambda: _solid(path, name))
+    """A collected mesh and its warped copies, or if it is held out points on its surface."""
+    mesh, seed = read_mesh(entry.path), corpus.seed
+    original = lru_cache(maxsize=1)(lambda: _solid(entry))
 
     def warped(copy: int, key: str) -> Solid:
         if copy == 0:
@@ -175,25 +235,45 @@ def _collected(
         return original().warped(random_warp(np.random.default_rng([seed, copy, int(key[:8], 16)])))
 
     shapes = []
-    for copy in range(copies + 1):
+    for copy in range(1 if unseen else corpus.copies + 1):
         key = cache_key([mesh], samples, seed, copy, SOLID_VERSION)
-        shapes.append(_cached(f"{name}#{copy}", key, samples, cache, partial(warped, copy, key), measured))
+        shapes.append(
+            _cached(f"{entry.file}#{copy}", key, samples, cache, partial(warped, copy, key), unseen)
+        )
     return shapes
 
 
-def _solid(path: Path, name: str) -> Solid:
-    return solidify(canonical(read_mesh(path), name), name)
+@cache
+def _solid(entry: CadMesh) -> Solid:
+    return solidify(canonical(read_mesh(entry.path), entry.file), entry.file)
+
+
+def _pair(entries: Sequence[CadMesh], seed: int, i: int) -> tuple[CadMesh, CadMesh]:
+    top, base = np.random.default_rng([seed, i]).choice(len(entries), 2, replace=False)
+    return entries[top], entries[base]
+
+
+def _swapped(
+    category: str, top: CadMesh, base: CadMesh, seed: int, i: int, samples: SampleConfig, cache: Path
+) -> list[SdfSamples]:
+    rng = np.random.default_rng([seed, i, 1])
+
+    def swapped() -> Solid:
+        return swap(_solid(top), _solid(base), category, rng).warped(random_warp(rng))
+
+    key = cache_key([read_mesh(top.path), read_mesh(base.path)], samples, seed, i, SOLID_VERSION)
+    return [_cached(f"swap/{top.file}+{base.file}#{i}", key, samples, cache, swapped, measured=False)]
 
 
 def _procedural(
-    mesh: trimesh.Trimesh, name: str, samples: SampleConfig, cache: Path, measured: bool
-) -> SdfSamples:
+    mesh: trimesh.Trimesh, name: str, measured: bool, samples: SampleConfig, cache: Path
+) -> list[SdfSamples]:
     """Samples of a mesh made of closed parts."""
 
     def solid() -> Solid:
         return Solid(name, tuple(mesh.split(only_watertight=False)))
 
-    return _cached(name, cache_key([mesh], samples), samples, cache, solid, measured)
+    return [_cached(name, cache_key([mesh], samples), samples, cache, solid, measured)]
 
 
 def _cached(
@@ -201,8 +281,17 @@ def _cached(
 ) -> SdfSamples:
     path = cache / f"{key}{'-measured' if measured else ''}.safetensors"
     samples = load_samples(path, name)
-    if samples is None:
+    if samples is not None:
+        return samples
+    refused = cache / f"{key}.refused"  # some take minutes to find out
+    if refused.exists():
+        raise PriorError(refused.read_text())
+    try:
         samples = sample_solid(solid(), config, seed=int(key[:8], 16), measured=measured)
-        samples = replace(samples, name=name)
-        save_samples(samples, path)
+    except PriorError as error:
+        cache.mkdir(parents=True, exist_ok=True)
+        refused.write_text(str(error))
+        raise
+    samples = replace(samples, name=name)
+    save_samples(samples, path)
     return samples

@@ -7,7 +7,7 @@ from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn, TimeRemainingColumn
 
 from objgraph.priors.shape_prior import ShapePrior
 from objgraph.priors.store import save_prior
@@ -50,9 +50,19 @@ def export_command(config: TrainConfig) -> Path:
 
 
 def _corpus(config: TrainConfig) -> Corpus:
-    return build_corpus(
-        config.category, config.meshes, config.corpus, config.samples, config.out / "cache" / config.category
-    )
+    cache = config.out / "cache" / config.category
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    with Progress(*columns, transient=True) as bar:
+        tasks: dict[str, TaskID] = {}
+
+        def report(words: str, done: int, total: int) -> None:
+            if words not in tasks:
+                tasks[words] = bar.add_task(f"sampling {words}")
+            bar.update(tasks[words], completed=done, total=total)
+
+        return build_corpus(
+            config.category, config.meshes, config.corpus, config.samples, cache, config.jobs, report
+        )
 
 
 def _write(config: TrainConfig, corpus: Corpus, trained: Trained) -> Path:

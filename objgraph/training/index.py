@@ -17,7 +17,9 @@ HELDOUT_SHARE = 0.2
 class CadMesh:
     """A collected mesh's entry in `index.json`."""
 
+    folder: Path
     file: str
+    """Relative to the folder."""
     group: str
     licence: str
     attribution: str
@@ -30,6 +32,10 @@ class CadMesh:
     """Of a generator's meshes, which of its factories made them."""
     split: str = "train"
     """What the index itself says; "train" leaves it to `heldout_groups`."""
+
+    @property
+    def path(self) -> Path:
+        return self.folder / self.file
 
 
 def read_index(folder: Path, category: str) -> list[CadMesh]:
@@ -45,6 +51,7 @@ def read_index(folder: Path, category: str) -> list[CadMesh]:
         entries = json.loads(path.read_text())["meshes"]
         meshes = [
             CadMesh(
+                folder=folder,
                 file=entry["file"],
                 group=entry["group"],
                 licence=entry["licence"],
@@ -74,6 +81,7 @@ def _unlisted(folder: Path, category: str) -> list[CadMesh]:
         raise PriorError(f"{folder} holds neither an index.json nor a mesh ({', '.join(SUFFIXES)})")
     return [
         CadMesh(
+            folder,
             file,
             group=file,
             licence="unknown",

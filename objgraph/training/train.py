@@ -32,8 +32,8 @@ class TrainConfig:
 
     category: str = "chair"
     """The category to train."""
-    meshes: Path | None = None
-    """Folder of meshes (y up, front at -z; any size), with or without an `index.json` that lists them; left out, only
+    meshes: tuple[Path, ...] = ()
+    """Folders of meshes (y up, front at -z; any size), with or without an `index.json` that lists them; left out, only
     the procedural families are used."""
     out: Path = Path("out/train")
     """Work folder: sample cache, checkpoint, and the trained prior."""
@@ -71,7 +71,9 @@ class TrainConfig:
     seed: int = 0
     """Seed of weights, codes and batches."""
     threads: int = 1
-    """CPU threads."""
+    """CPU threads of the training."""
+    jobs: int = 1
+    """Processes that sample the shapes."""
     device: str = "cpu"
     """Torch device: cpu, cuda, cuda:1; a training may go on on another one, with results equal to rounding."""
     bf16: bool = False
@@ -92,6 +94,7 @@ class TrainConfig:
                 "steps",
                 "cooldown",
                 "threads",
+                "jobs",
                 "device",
                 "bf16",
                 "checkpoint_seconds",

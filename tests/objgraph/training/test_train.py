@@ -217,7 +217,7 @@ def test_meshes_to_prior(meshes: Path, config: TrainConfig) -> None:
     config = replace(
         config,
         category="table",
-        meshes=meshes,
+        meshes=(meshes,),
         corpus=CorpusConfig(procedural=4, copies=1, procedural_heldout=4),
         samples=SampleConfig(count=600),
     )
@@ -243,7 +243,7 @@ def test_meshes_to_prior(meshes: Path, config: TrainConfig) -> None:
 def collected(sources: dict[str, list[str]]) -> list[CadMesh]:
     """Entries whose groups are given by source."""
     return [
-        CadMesh(f"{source}/{i}.ply", f"{source}:{group}", "CC0-1.0", "", source, None)
+        CadMesh(Path(), f"{source}/{i}.ply", f"{source}:{group}", "CC0-1.0", "", source, None)
         for source, groups in sources.items()
         for i, group in enumerate(groups)
     ]
@@ -275,7 +275,7 @@ def test_validation_never_sees_what_is_held_out(meshes: Path, tmp_path: Path) ->
     entries = read_index(meshes, "table")
     held = heldout_groups(entries, 0.2)
     settings = CorpusConfig(procedural=0, swaps=0, copies=0, validation=True)
-    corpus = build_corpus("table", meshes, settings, SampleConfig(count=600), tmp_path)
+    corpus = build_corpus("table", [meshes], settings, SampleConfig(count=600), tmp_path)
     assert corpus.used
     assert corpus.unseen
     assert held.isdisjoint(entry.group for entry in corpus.used + corpus.unseen)
@@ -301,7 +301,7 @@ def test_any_folder_of_meshes_will_do(tmp_path: Path) -> None:
         shade.export(folder / f"{i}.stl")
     trimesh.creation.box().export(tmp_path / "sofa" / "box.obj")
     settings = CorpusConfig(procedural=0, copies=0)
-    corpus = build_corpus("lamp", tmp_path, settings, SampleConfig(count=600), tmp_path / "cache")
+    corpus = build_corpus("lamp", [tmp_path], settings, SampleConfig(count=600), tmp_path / "cache")
     assert {entry.file for entry in corpus.used + corpus.unseen} == {f"lamp/{i}.stl" for i in range(6)}
     assert corpus.unseen
     for shape in corpus.training:
@@ -309,9 +309,28 @@ def test_any_folder_of_meshes_will_do(tmp_path: Path) -> None:
         assert np.abs(shape.points[np.abs(shape.sdf) < 1e-3]).max() < 0.51
 
 
+def test_processes_sample_the_same_shapes_from_several_folders(meshes: Path, tmp_path: Path) -> None:
+    other = tmp_path / "other" / "table"
+    other.mkdir(parents=True)
+    trimesh.creation.cylinder(0.5, 0.4).export(other / "round.ply")
+    (other / "flat.ply").write_text("no mesh")
+    folders, settings = [meshes, other.parent], CorpusConfig(procedural=6, copies=1, swaps=2)
+    one, two = (
+        build_corpus("table", folders, settings, SampleConfig(count=300), tmp_path / f"cache{jobs}", jobs)
+        for jobs in (1, 2)
+    )
+    assert {entry.folder for entry in one.used + one.unseen} == set(folders)
+    assert [entry.file for entry in one.used] == [entry.file for entry in two.used]
+    assert set(one.skipped) == set(two.skipped) == {"t4.ply", "table/flat.ply"}
+    for a, b in zip(one.training + one.heldout, two.training + two.heldout, strict=True):
+        assert a.name == b.name
+        assert_array_equal(a.points, b.points)
+        assert_array_equal(a.sdf, b.sdf)
+
+
 def test_unknown_category_needs_meshes(tmp_path: Path) -> None:
     with pytest.raises(PriorError, match=r"'lamp' has no procedural family \(chair, table, car\)"):
-        build_corpus("lamp", None, CorpusConfig(), SampleConfig(), tmp_path)
+        build_corpus("lamp", [], CorpusConfig(), SampleConfig(), tmp_path)
 
 
 def test_training_leaves_the_global_generator_alone(config: TrainConfig) -> None:
