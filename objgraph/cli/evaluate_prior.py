@@ -39,7 +39,8 @@ class EvaluatePriorCommand:
     jobs: int = 1
     """Processes."""
     random_codes: int = 0
-    """Also mesh this many random codes within two standard deviations, and count those without a surface."""
+    """Also mesh this many random codes within two standard deviations, and count those without a surface, in one piece,
+    and as large as the box that all shapes fill."""
     config: Annotated[PriorEvaluationConfig, tyro.conf.arg(name="")] = field(
         default_factory=PriorEvaluationConfig
     )
@@ -69,13 +70,21 @@ def run_evaluate_prior(command: EvaluatePriorCommand, console: Console) -> dict[
         random_codes = None
         if command.random_codes:
             bar.update(task, description="random codes")
-            random_codes = check_random_codes(prior, command.random_codes, seed=command.config.seed)
+            random_codes = check_random_codes(
+                prior, command.random_codes, seed=command.config.seed, jobs=command.jobs
+            )
     prior_file = str(command.prior or f"{prior.category}.safetensors as shipped")
     result = document(prior, prior_file, meshes, rows, command.config, random_codes)
     write_json(result, command.json)
     console.print(table(rows, f"{prior.category}: {prior_file}"))
     if random_codes is not None:
-        console.print(f"random codes without a surface: {random_codes.failed} of {random_codes.count}")
+        fills = (
+            "" if random_codes.fills_box is None else f", as large as the box {random_codes.fills_box:.3f}"
+        )
+        console.print(
+            f"of {random_codes.count} random codes {random_codes.failed} have no surface; "
+            f"in one piece {random_codes.one_piece:.3f}{fills}"
+        )
     console.print(f"written to {command.json}")
     return result
 

@@ -15,6 +15,7 @@ import trimesh
 from objgraph.errors import PriorError
 from objgraph.training.families import FAMILIES, draw
 from objgraph.training.index import HELDOUT_SHARE, CadMesh, heldout_groups, read_index
+from objgraph.training.joined import joined
 from objgraph.training.mesh_files import canonical, read_mesh
 from objgraph.training.samples import (
     SampleConfig,
@@ -227,7 +228,7 @@ def _collected(
 ) -> list[SdfSamples]:
     """A collected mesh and its warped copies, or if it is held out points on its surface."""
     mesh, seed = read_mesh(entry.path), corpus.seed
-    original = lru_cache(maxsize=1)(lambda: _solid(entry))
+    original = lru_cache(maxsize=1)(lambda: _solid(entry) if unseen else joined(_solid(entry)))
 
     def warped(copy: int, key: str) -> Solid:
         if copy == 0:
@@ -259,7 +260,7 @@ def _swapped(
     rng = np.random.default_rng([seed, i, 1])
 
     def swapped() -> Solid:
-        return swap(_solid(top), _solid(base), category, rng).warped(random_warp(rng))
+        return joined(swap(_solid(top), _solid(base), category, rng)).warped(random_warp(rng))
 
     key = cache_key([read_mesh(top.path), read_mesh(base.path)], samples, seed, i, SOLID_VERSION)
     return [_cached(f"swap/{top.file}+{base.file}#{i}", key, samples, cache, swapped, measured=False)]
@@ -271,9 +272,9 @@ def _procedural(
     """Samples of a mesh made of closed parts."""
 
     def solid() -> Solid:
-        return Solid(name, tuple(mesh.split(only_watertight=False)))
+        return joined(Solid(name, tuple(mesh.split(only_watertight=False))))
 
-    return [_cached(name, cache_key([mesh], samples), samples, cache, solid, measured)]
+    return [_cached(name, cache_key([mesh], samples, SOLID_VERSION), samples, cache, solid, measured)]
 
 
 def _cached(

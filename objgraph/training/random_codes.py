@@ -1,27 +1,34 @@
-"""Whether every code that the prior holds for likely has a surface."""
+"""Whether every code that the prior holds for likely is a shape: has a surface, in one piece, as large as the box."""
 
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
+from functools import partial
+from multiprocessing import get_context
 
 import numpy as np
 import torch
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 
 from objgraph.errors import SolveError
 from objgraph.priors.mesh import extract_mesh
 from objgraph.priors.shape_prior import ShapePrior
+from objgraph.training.joined import WHOLE, pieces
 
-_STRIDES = (8, 4)
-"""Of the sparse nodes tried first, in cells."""
-_TOGETHER = 16
-"""Codes decoded together."""
+BOX_TOLERANCE = 0.03
+"""Of an edge of the box, by which the shape of a code that fills it may differ."""
 
 
 @dataclass(frozen=True)
 class RandomCodes:
-    """How many random codes gave no mesh."""
+    """What came of random codes."""
 
     count: int
     failed: int
+    """Without a surface."""
+    one_piece: float
+    """Share whose largest piece has at least 98 % of the surface."""
+    fills_box: float | None
+    """Share whose extents are those of the prior's box to 3 %; None where it has none."""
     within: float
     """Standard deviations, along each axis of the codes' covariance, beyond which a coordinate is drawn again."""
     resolution: int
@@ -46,45 +53,35 @@ def check_random_codes(
     prior: ShapePrior,
     count: int = 1000,
     within: float = 2.0,
-    resolution: int = 64,
+    resolution: int = 96,
     seed: int = 0,
-    bound: float = 0.55,
+    jobs: int = 1,
 ) -> RandomCodes:
-    """Count the random codes of which marching cubes makes no mesh.
-
-    A code with nodes of either sign among a sparse part of the grid's nodes has a surface; the rest are meshed.
-    """
+    """Mesh random codes: which have a surface, are in one piece, and fill the prior's box."""
     codes = draw_codes(prior, count, within, seed)
-    left = np.ones(count, bool)
-    for stride in _STRIDES:
-        if not left.any():
-            break
-        left[left] = ~_crossed(prior, codes[left], resolution, stride, bound)
-    failed = sum(not _has_mesh(prior, code, resolution, bound) for code in codes[left])
-    return RandomCodes(count, failed, within, resolution, seed)
+    look = partial(_look, prior, resolution)
+    if jobs == 1:
+        found = [look(code) for code in codes]
+    else:
+        with ProcessPoolExecutor(jobs, get_context("spawn"), torch.set_num_threads, (1,)) as pool:
+            found = list(pool.map(look, codes, chunksize=8))
+    meshed = [each for each in found if each is not None]
+    return RandomCodes(
+        count,
+        failed=count - len(meshed),
+        one_piece=sum(whole for whole, _ in meshed) / max(count, 1),
+        fills_box=None if prior.box is None else sum(fills for _, fills in meshed) / max(count, 1),
+        within=within,
+        resolution=resolution,
+        seed=seed,
+    )
 
 
-def _crossed(
-    prior: ShapePrior, codes: Float[np.ndarray, "n l"], resolution: int, stride: int, bound: float
-) -> Bool[np.ndarray, "n"]:
-    """Whether some of every `stride`-th inner nodes of a grid are inside and some outside."""
-    cells = 8 * -(-resolution // 8)  # as `extract_mesh` rounds them
-    axis = np.linspace(-bound, bound, cells + 1)[stride:-1:stride]
-    nodes = np.stack(np.meshgrid(axis, axis, axis, indexing="ij"), axis=-1).reshape(-1, 3)
-    like = prior.decoder.like
-    points = torch.as_tensor(nodes, dtype=like.dtype, device=like.device)
-    found = []
-    for part in torch.as_tensor(codes, dtype=like.dtype, device=like.device).split(_TOGETHER):
-        owner = torch.arange(len(part), device=like.device).repeat_interleave(len(points))
-        with torch.no_grad():
-            value = prior.decoder(points.repeat(len(part), 1), part, owner).reshape(len(part), -1)
-        sane = value.isfinite().all(dim=1)
-        found.append(sane & (value < 0).any(dim=1) & (value > 0).any(dim=1))
-    return torch.cat(found).cpu().numpy() if found else np.empty(0, bool)
-
-
-def _has_mesh(prior: ShapePrior, code: Float[np.ndarray, "l"], resolution: int, bound: float) -> bool:
+def _look(prior: ShapePrior, resolution: int, code: Float[np.ndarray, "l"]) -> tuple[bool, bool] | None:
+    """Whether a code's mesh is in one piece and fills the box; None where there is no mesh."""
     try:
-        return len(extract_mesh(prior.decoder, code, resolution, bound).faces) > 0
+        mesh = extract_mesh(prior.decoder, code, resolution, remove_floaters=False)
     except SolveError:
-        return False
+        return None
+    fills = prior.box is not None and bool(np.abs(mesh.extents / prior.box - 1).max() <= BOX_TOLERANCE)
+    return bool(pieces(mesh)[1].max() >= WHOLE), fills

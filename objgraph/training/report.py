@@ -41,6 +41,7 @@ def document(
     }
     if random_codes is not None:
         result["random_codes"] = asdict(random_codes)
+        result |= {"one_piece": random_codes.one_piece, "fills_box": random_codes.fills_box}
     result["rows"] = [asdict(row) for row in rows]
     return result
 

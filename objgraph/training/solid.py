@@ -20,8 +20,8 @@ from objgraph.geometry.meshes import signed_volume
 SHEET_HALF_THICKNESS = 0.003
 """Half the thickness given to single sheets, in canonical units: some 3 mm on a chair."""
 
-SOLID_VERSION = 2
-"""Part of the cache's keys: raised whenever `solidify` gives other distances for the same mesh."""
+SOLID_VERSION = 3
+"""Part of the cache's keys: raised whenever `solidify` or `joined` gives other distances for the same mesh."""
 
 _MAX_CLOSED_COMPONENTS = 60
 _MAX_FLAT_COMPONENTS = 6

@@ -13,7 +13,7 @@ from objgraph.training.code_search import SearchConfig
 from objgraph.training.evaluate import PriorEvaluationConfig, ShapeRow, evaluate_meshes
 from objgraph.training.mesh_folder import choose_meshes, write_json
 from objgraph.training.partial import PartialConfig
-from objgraph.training.random_codes import check_random_codes, draw_codes
+from objgraph.training.random_codes import BOX_TOLERANCE, check_random_codes, draw_codes
 from objgraph.training.report import document, summary, table
 from objgraph.training.samples import SampleConfig
 from objgraph.training.true_shape import TrueShape, read_solid
@@ -118,6 +118,7 @@ def test_the_document_has_its_keys_and_is_json(folder, rows, tmp_path):
     } <= set(read)  # fmt: skip
     assert read["prior"] == {"file": "box.safetensors", "sha256": "box"}
     assert read["random_codes"]["count"] == 20
+    assert (read["one_piece"], read["fills_box"]) == (1.0, None)
     assert [row["mesh"] for row in read["rows"]] == ["box.ply", "broken.obj", "deeper/soup.stl"]
     assert read["rows"][1]["chamfer"] is None
     assert list(path.parent.iterdir()) == [path]
@@ -162,7 +163,20 @@ def test_random_codes_stay_within_and_are_counted():
     codes = draw_codes(prior, 500, within=1.5)
     assert np.abs(codes).max() <= 1.5 * np.sqrt(0.5) + 1e-9
     assert np.abs(codes).max() > 1.4 * np.sqrt(0.5)
-    assert check_random_codes(prior, 50).failed == 0
+    found = check_random_codes(prior, 20)
+    assert (found.failed, found.one_piece, found.fills_box) == (0, 1.0, None)
+    assert check_random_codes(prior, 20, jobs=2) == found
+
+
+def test_random_codes_are_held_against_the_box():
+    box = np.full(3, 2 * MEAN_HALF)
+    prior = replace(box_prior(), code_covariance=0.01 * np.eye(3), box=box)
+    edges = 2 * (MEAN_HALF + 0.1 * draw_codes(prior, 40, seed=1))
+    fills = (np.abs(edges / box - 1) <= BOX_TOLERANCE).all(axis=1)
+    assert 0 < fills.mean() < 1
+    assert check_random_codes(prior, 40, seed=1, resolution=64).fills_box == pytest.approx(
+        fills.mean(), abs=0.05
+    )
 
 
 def test_random_codes_without_a_surface_are_failures():

@@ -218,7 +218,7 @@ def test_meshes_to_prior(meshes: Path, config: TrainConfig) -> None:
         config,
         category="table",
         meshes=(meshes,),
-        corpus=CorpusConfig(procedural=4, copies=1, procedural_heldout=4),
+        corpus=CorpusConfig(procedural=4, copies=1, swaps=3, procedural_heldout=4),
         samples=SampleConfig(count=600),
     )
     path = train_command(config)
