@@ -8,12 +8,12 @@ from dataclasses import dataclass
 from typing import Literal
 
 import torch
-from jaxtyping import Float, Int
+from jaxtyping import Float
 from torch import Tensor, nn
 
 from factors.affine import affine, through
 from factors.errors import FactorError
-from factors.sdf_decoder import LinearInjection, SdfJet
+from factors.sdf_decoder import LinearInjection
 
 _ACTIVATIONS = {"silu": nn.functional.silu, "relu": nn.functional.relu, "softplus": nn.functional.softplus}
 
@@ -34,6 +34,9 @@ class DecoderConfig:
     """Number of sine/cosine pairs an axis, at frequencies pi * 2^k, given beside the point itself."""
     activation: Literal["silu", "relu", "softplus"] = "silu"
     """The hidden units' non-linearity."""
+    mapping: int = 0
+    """Units of the two layers of a network that the code passes once a shape, before it enters at every hidden layer;
+    without any it enters as it is, at the first and the skip layer."""
 
 
 class Decoder(LinearInjection):
@@ -48,9 +51,11 @@ class Decoder(LinearInjection):
             raise FactorError(f"the skip layer {config.skip} is not one of the {config.depth} hidden layers")
         features = 3 + 6 * config.octaves
         entries = [0] if config.skip == 0 else [0, config.skip]
+        mapped, m = range(config.depth) if config.mapping else entries, config.mapping
         self.from_code = nn.ModuleDict(
-            {str(i): nn.Linear(config.code_length, config.width, bias=False) for i in entries}
+            {str(i): nn.Linear(m or config.code_length, config.width, bias=False) for i in mapped}
         )
+        self.mapping = nn.ModuleList([nn.Linear(config.code_length, m), nn.Linear(m, m)] if m else [])
         self.from_point = nn.ModuleDict({str(i): nn.Linear(features, config.width) for i in entries})
         self.hidden = nn.ModuleList(
             nn.Linear(config.width, config.width, bias=i not in entries) for i in range(1, config.depth)
@@ -67,44 +72,66 @@ class Decoder(LinearInjection):
     def like(self) -> Tensor:
         return self.output.weight
 
+    def _enter(self, codes: Float[Tensor, "b l"]) -> dict[str, Float[Tensor, "b w"]]:
+        for linear in self.mapping:
+            codes = nn.functional.silu(linear(codes))
+        return super()._enter(codes)
+
+    def _d_enter(self, codes: Float[Tensor, "b l"]) -> dict[str, Float[Tensor, "c w l"]]:
+        h, d = codes, torch.eye(self.code_length).to(codes)[None]
+        for linear in self.mapping:
+            assert isinstance(linear, nn.Linear)
+            pre = linear(h)
+            slope = pre.sigmoid() * (1 + pre * (1 - pre.sigmoid()))
+            h, d = nn.functional.silu(pre), slope[..., None] * (linear.weight @ d)
+        return {layer: weight @ d for layer, weight in super()._d_enter(h).items()}
+
     def _network(
         self, points: Float[Tensor, "n 3"], injected: dict[str, Float[Tensor, "n w"]]
     ) -> Float[Tensor, "n"]:
-        activation = _ACTIVATIONS[self.config.activation]
-        features = self._features(points)
-        h = activation(through(self.from_point["0"], features) + injected["0"])
-        for i, linear in enumerate(self.hidden, start=1):
-            pre = through(linear, h)
-            if str(i) in injected:
-                pre = pre + through(self.from_point[str(i)], features) + injected[str(i)]
-            h = activation(pre)
+        activation, features, h = _ACTIVATIONS[self.config.activation], self._features(points), None
+        for i in range(self.config.depth):
+            h = activation(self._before(i, h, features, injected))
         return self.output(h).squeeze(-1)
 
+    def _before(
+        self,
+        layer: int,
+        h: Float[Tensor, "n w"] | None,
+        features: Float[Tensor, "n f"],
+        injected: dict[str, Float[Tensor, "n w"]],
+    ) -> Float[Tensor, "n w"]:
+        """What a hidden layer's activation is given, a tensor of its own."""
+        entry, parts = str(layer), []
+        if h is not None:
+            parts.append(through(self.hidden[layer - 1], h))
+        if entry in self.from_point:
+            parts.append(through(self.from_point[entry], features))
+        if entry in injected:
+            parts.append(injected[entry])
+        return parts[0] if len(parts) == 1 else sum(parts[1:], start=parts[0])
+
     def _linearize(
-        self, points: Float[Tensor, "n 3"], codes: Float[Tensor, "b l"], owner: Int[Tensor, "n"] | None
-    ) -> SdfJet:
+        self, points: Float[Tensor, "n 3"], injected: dict[str, Float[Tensor, "n w"]]
+    ) -> tuple[Float[Tensor, "n"], Float[Tensor, "n 3"], dict[str, Float[Tensor, "n w"]]]:
         """By hand where the activation's derivative is seen from its value: autograd takes half as long again."""
         if self.config.activation != "relu" or type(self)._network is not Decoder._network:
-            return super()._linearize(points, codes, owner)
-        with torch.no_grad():
-            features, injected = self._features(points), self._inject(codes, owner, len(points))
-            layers: list[Tensor] = []
-            for i in range(self.config.depth):
-                pre = through(self.hidden[i - 1], layers[-1]) if i else points.new_zeros(())
-                if (entry := str(i)) in injected:
-                    pre = pre + through(self.from_point[entry], features).add_(injected[entry])
-                layers.append(pre.relu_())
-            value = self.output(layers[-1]).squeeze(-1)
-            d_layer, d_features, d_injected = self.output.weight.expand(len(points), -1), 0.0, {}
-            for i in reversed(range(self.config.depth)):
-                d_layer = torch.ops.aten.threshold_backward(d_layer, layers[i], 0)
-                if (entry := str(i)) in injected:
-                    d_features = d_features + _back(self.from_point[entry], d_layer)
-                    d_injected[entry] = d_layer
-                if i:
-                    d_layer = _back(self.hidden[i - 1], d_layer)
-            d_point = self._point_gradient(features, torch.as_tensor(d_features))
-            return SdfJet(value, d_point, self._code_gradient(d_injected))
+            return super()._linearize(points, injected)
+        features = self._features(points)
+        layers: list[Tensor] = []
+        for i in range(self.config.depth):
+            layers.append(self._before(i, layers[-1] if i else None, features, injected).relu_())
+        value = self.output(layers[-1]).squeeze(-1)
+        d_layer, d_features, d_injected = self.output.weight.expand(len(points), -1), 0.0, {}
+        for i in reversed(range(self.config.depth)):
+            d_layer = torch.ops.aten.threshold_backward(d_layer, layers[i], 0)
+            if (entry := str(i)) in self.from_point:
+                d_features = d_features + _back(self.from_point[entry], d_layer)
+            if entry in injected:
+                d_injected[entry] = d_layer
+            if i:
+                d_layer = _back(self.hidden[i - 1], d_layer)
+        return value, self._point_gradient(features, torch.as_tensor(d_features)), d_injected
 
     def _point_gradient(
         self, features: Float[Tensor, "n f"], d_features: Float[Tensor, "n f"]

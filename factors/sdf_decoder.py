@@ -30,8 +30,8 @@ class SdfJet(NamedTuple):
 class SdfDecoder(nn.Module, ABC):
     """Signed distance of canonical points, for one or many shape codes.
 
-    A decoder says what it computes of each code beforehand (`_inject`), the distance given that (`_network`),
-    and how a gradient with respect to it becomes one with respect to the code (`_code_gradient`).
+    A decoder says what enters its network of each code (`_enter`) and how that moves with the code (`_d_enter`), both
+    computed once a shape and not once a point, and the distance given that (`_network`).
     """
 
     config: Any
@@ -48,20 +48,18 @@ class SdfDecoder(nn.Module, ABC):
         """A tensor of the decoder's precision, on its device."""
 
     @abstractmethod
-    def _inject(
-        self, codes: Float[Tensor, "b l"], owner: Int[Tensor, "n"] | None, n: int
-    ) -> dict[str, Float[Tensor, "n w"]]:
-        """What each of n points gets from the code that owns it."""
+    def _enter(self, codes: Float[Tensor, "b l"]) -> dict[str, Float[Tensor, "b w"]]:
+        """What enters the network of each code, by where."""
+
+    @abstractmethod
+    def _d_enter(self, codes: Float[Tensor, "b l"]) -> dict[str, Float[Tensor, "c w l"]]:
+        """Derivative of `_enter` w.r.t. each code; one for all where it does not depend on them."""
 
     @abstractmethod
     def _network(
         self, points: Float[Tensor, "n 3"], injected: dict[str, Float[Tensor, "n w"]]
     ) -> Float[Tensor, "n"]:
         """Signed distances, in canonical units."""
-
-    @abstractmethod
-    def _code_gradient(self, d_injected: dict[str, Float[Tensor, "n w"]]) -> Float[Tensor, "n l"]:
-        """Derivative w.r.t. the code, given that w.r.t. what was injected."""
 
     def forward(
         self,
@@ -77,11 +75,19 @@ class SdfDecoder(nn.Module, ABC):
             FactorError: the codes are of another length, or several are given without an owner.
         """
         self._check(codes, owner)
+        entered = self._enter(codes)
         if torch.is_grad_enabled() or points.is_cuda or len(points) <= _IN_CACHE:
-            return self._network(points, self._inject(codes, owner, len(points)))
-        return torch.cat(
-            [self._network(p, self._inject(codes, o, len(p))) for p, o in _pieces(points, owner)]
-        )
+            return self._network(points, _owned(entered, owner, len(points)))
+        return torch.cat([self._network(p, _owned(entered, o, len(p))) for p, o in _pieces(points, owner)])
+
+    def in_blocks(self, points: Float[Tensor, "b k 3"], codes: Float[Tensor, "b l"]) -> Float[Tensor, "b k"]:
+        """Signed distances of as many points of each shape: what training asks for."""
+        b, k = points.shape[:2]
+        injected = {
+            layer: rows[:, None].expand(-1, k, -1).reshape(b * k, -1)
+            for layer, rows in self._enter(codes).items()
+        }
+        return self._network(points.flatten(0, 1), injected).view(b, k)
 
     def linearize(
         self,
@@ -95,24 +101,27 @@ class SdfDecoder(nn.Module, ABC):
         eq:jacobian_code and the first half of eq:jacobian_pose).
         """
         self._check(codes, owner)
-        if points.is_cuda or len(points) <= _IN_CACHE:
-            return self._linearize(points, codes, owner)
-        parts = zip(*(self._linearize(p, codes, o) for p, o in _pieces(points, owner)), strict=True)
-        return SdfJet(*(torch.cat(part) for part in parts))
+        with torch.no_grad():
+            entered, d_entered = self._enter(codes.detach()), self._d_enter(codes.detach())
+            per_code = torch.cat(list(d_entered.values()), dim=1)
+            whole = points.is_cuda or len(points) <= _IN_CACHE
+            parts = []
+            for p, o in [(points, owner)] if whole else _pieces(points, owner):
+                value, d_point, d_injected = self._linearize(p.detach(), _owned(entered, o, len(p)))
+                d_rows = torch.cat([d_injected[layer] for layer in d_entered], dim=1)
+                parts.append(SdfJet(value, d_point, _code_gradient(d_rows, per_code, o)))
+        return parts[0] if whole else SdfJet(*(torch.cat(part) for part in zip(*parts, strict=True)))
 
     def _linearize(
-        self, points: Float[Tensor, "n 3"], codes: Float[Tensor, "b l"], owner: Int[Tensor, "n"] | None
-    ) -> SdfJet:
-        with torch.no_grad():
-            injected = self._inject(codes.detach(), owner, len(points))
+        self, points: Float[Tensor, "n 3"], injected: dict[str, Float[Tensor, "n w"]]
+    ) -> tuple[Float[Tensor, "n"], Float[Tensor, "n 3"], dict[str, Float[Tensor, "n w"]]]:
+        """The network's values, and their derivatives w.r.t. points and what was injected."""
         injected = {name: rows.clone().requires_grad_() for name, rows in injected.items()}
-        points = points.detach().requires_grad_()
+        points = points.clone().requires_grad_()
         with torch.enable_grad():
             value = self._network(points, injected)
             d_point, *d_injected = torch.autograd.grad(value.sum(), [points, *injected.values()])
-        with torch.no_grad():
-            d_code = self._code_gradient(dict(zip(injected, d_injected, strict=True)))
-        return SdfJet(value.detach(), d_point, d_code)
+        return value.detach(), d_point, dict(zip(injected, d_injected, strict=True))
 
     def _check(self, codes: Tensor, owner: Tensor | None) -> None:
         if codes.ndim != 2 or codes.shape[1] != self.code_length:
@@ -130,23 +139,34 @@ def _pieces(
         yield points[i : i + _IN_CACHE], None if owner is None else owner[i : i + _IN_CACHE]
 
 
-class LinearInjection(SdfDecoder):
-    """A network that the code enters linearly before an activation.
+def _owned(
+    entered: dict[str, Float[Tensor, "b w"]], owner: Int[Tensor, "n"] | None, n: int
+) -> dict[str, Float[Tensor, "n w"]]:
+    """For each of n points what its own code gave."""
+    return {layer: rows.expand(n, -1) if owner is None else rows[owner] for layer, rows in entered.items()}
 
-    Its contribution is computed once a shape and not once a point; its gradient comes back through the same door.
-    """
+
+def _code_gradient(
+    d_rows: Float[Tensor, "n w"], per_code: Float[Tensor, "c w l"], owner: Int[Tensor, "n"] | None
+) -> Float[Tensor, "n l"]:
+    """Chain rule, each point by its own code's derivative."""
+    if len(per_code) == 1 or owner is None:
+        return affine(d_rows, per_code[0].t().contiguous())
+    result = d_rows.new_empty(len(d_rows), per_code.shape[2])
+    for i in owner.unique().tolist():
+        own = owner == i
+        result[own] = affine(d_rows[own], per_code[i].t().contiguous())
+    return result
+
+
+class LinearInjection(SdfDecoder):
+    """A network that the code enters linearly before an activation."""
 
     from_code: nn.ModuleDict
     """By the layer at which the code enters: `nn.Linear` without bias."""
 
-    def _inject(
-        self, codes: Float[Tensor, "b l"], owner: Int[Tensor, "n"] | None, n: int
-    ) -> dict[str, Float[Tensor, "n w"]]:
-        if owner is None:
-            return {layer: linear(codes).expand(n, -1) for layer, linear in self.from_code.items()}
-        return {layer: linear(codes)[owner] for layer, linear in self.from_code.items()}
+    def _enter(self, codes: Float[Tensor, "b l"]) -> dict[str, Float[Tensor, "b w"]]:
+        return {layer: linear(codes) for layer, linear in self.from_code.items()}
 
-    def _code_gradient(self, d_injected: dict[str, Float[Tensor, "n w"]]) -> Float[Tensor, "n l"]:
-        weights = {layer: self.get_parameter(f"from_code.{layer}.weight") for layer in d_injected}
-        parts = [affine(rows, weights[layer].t().contiguous()) for layer, rows in d_injected.items()]
-        return sum(parts[1:], start=parts[0])
+    def _d_enter(self, codes: Float[Tensor, "b l"]) -> dict[str, Float[Tensor, "1 w l"]]:
+        return {layer: self.get_parameter(f"from_code.{layer}.weight")[None] for layer in self.from_code}

@@ -6,7 +6,7 @@ Barr, "Superquadrics and Angle-Preserving Transformations", IEEE CG&A 1981, with
 from dataclasses import dataclass
 
 import torch
-from jaxtyping import Float, Int
+from jaxtyping import Float
 from torch import Tensor
 
 from factors.sdf_decoder import SdfDecoder
@@ -55,13 +55,11 @@ class Superquadric(SdfDecoder):
     def like(self) -> Tensor:
         return self._like
 
-    def _inject(
-        self, codes: Float[Tensor, "b 3"], owner: Int[Tensor, "n"] | None, n: int
-    ) -> dict[str, Float[Tensor, "n 3"]]:
-        return {"code": codes.expand(n, -1) if owner is None else codes[owner]}
+    def _enter(self, codes: Float[Tensor, "b 3"]) -> dict[str, Float[Tensor, "b 3"]]:
+        return {"code": codes}
 
-    def _code_gradient(self, d_injected: dict[str, Float[Tensor, "n 3"]]) -> Float[Tensor, "n 3"]:
-        return d_injected["code"]
+    def _d_enter(self, codes: Float[Tensor, "b 3"]) -> dict[str, Float[Tensor, "1 3 3"]]:
+        return {"code": torch.eye(3).to(codes)[None]}
 
     def _network(
         self, points: Float[Tensor, "n 3"], injected: dict[str, Float[Tensor, "n 3"]]

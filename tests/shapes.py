@@ -26,16 +26,16 @@ class BoxDecoder(SdfDecoder):
     def like(self):
         return self.halves
 
-    def _inject(self, codes, owner, n):
-        return {"0": codes.expand(n, -1) if owner is None else codes[owner]}
+    def _enter(self, codes):
+        return {"0": codes}
+
+    def _d_enter(self, codes):
+        return {"0": torch.eye(codes.shape[1]).to(codes)[None]}
 
     def _network(self, points, injected):
         q = points.abs() - (self.halves + 0.1 * injected["0"])
         outside = (q.clamp_min(0).square().sum(dim=1) + 1e-12).sqrt()
         return outside + q.amax(dim=1).clamp_max(0)
-
-    def _code_gradient(self, d_injected):
-        return d_injected["0"]
 
 
 def box_prior(**card) -> ShapePrior:

@@ -40,8 +40,11 @@ class ToyDecoder(Decoder):
         super().__init__(DecoderConfig(code_length=TOY_CODE, width=4, depth=2, skip=0))
         self.requires_grad_(False)
 
-    def _inject(self, codes, owner, n):
-        return {"0": codes.expand(n, -1) if owner is None else codes[owner]}
+    def _enter(self, codes):
+        return {"0": codes}
+
+    def _d_enter(self, codes):
+        return {"0": torch.eye(codes.shape[1]).to(codes)[None]}
 
     def _network(self, points, injected):
         distances = []
@@ -50,9 +53,6 @@ class ToyDecoder(Decoder):
             outside = (q.clamp_min(0).square().sum(dim=1) + 1e-10).sqrt()
             distances.append(outside + q.amax(dim=1).clamp_max(0))
         return torch.stack(distances).amin(dim=0)
-
-    def _code_gradient(self, d_injected):
-        return d_injected["0"]
 
 
 class RoundedToyDecoder(ToyDecoder):

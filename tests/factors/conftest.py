@@ -39,9 +39,11 @@ class SphereDecoder(Decoder):
     def _network(self, points, injected):
         return points.norm(dim=1) - 0.4 - injected["0"][:, 0]
 
-    def _inject(self, codes, owner, n):
-        rows = codes[:, :1].expand(-1, 4)
-        return {"0": rows.expand(n, -1) if owner is None else rows[owner]}
+    def _enter(self, codes):
+        return {"0": codes[:, :1]}
+
+    def _d_enter(self, codes):
+        return {"0": torch.eye(CODE_LENGTH).to(codes)[None, :1]}
 
 
 @pytest.fixture

@@ -84,13 +84,13 @@ class FarDecoder(SdfDecoder):
             raise RuntimeError("the decoder is elsewhere, and what it is asked is on the CPU")
         return [_near(part) for part in given]
 
-    def _inject(self, codes, owner, n):
+    def _enter(self, codes):
+        raise NotImplementedError
+
+    def _d_enter(self, codes):
         raise NotImplementedError
 
     def _network(self, points, injected):
-        raise NotImplementedError
-
-    def _code_gradient(self, d_injected):
         raise NotImplementedError
 
 

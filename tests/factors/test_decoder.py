@@ -7,7 +7,8 @@ from tests.factors.conftest import CODE_LENGTH, make_decoder
 
 
 @pytest.mark.parametrize(
-    "settings", [{}, {"skip": 0}, {"octaves": 2}, {"activation": "softplus"}, {"activation": "relu"}]
+    "settings",
+    [{}, {"skip": 0}, {"octaves": 2}, {"activation": "softplus"}, {"activation": "relu"}, {"mapping": 7}],
 )
 def test_jacobian_is_autograds_own(settings):
     decoder = make_decoder(**settings)
@@ -24,7 +25,9 @@ def test_jacobian_is_autograds_own(settings):
     torch.testing.assert_close(jet.value, decoder(points, codes).detach())
 
 
-@pytest.mark.parametrize("settings", [{}, {"skip": 0}, {"octaves": 2}, {"depth": 1, "skip": 0}])
+@pytest.mark.parametrize(
+    "settings", [{}, {"skip": 0}, {"octaves": 2}, {"depth": 1, "skip": 0}, {"mapping": 9}]
+)
 @pytest.mark.parametrize("owner", [None, torch.tensor([0, 1, 1, 0, 1])])
 def test_derivatives_by_hand_are_autograds(settings, owner):
     torch.manual_seed(3)
@@ -39,6 +42,16 @@ def test_derivatives_by_hand_are_autograds(settings, owner):
     d_point, d_code = torch.autograd.grad(value.sum(), [points, rows])
     for found, true in zip(jet, (value.detach(), d_point, d_code), strict=True):
         torch.testing.assert_close(found, true)
+
+
+@pytest.mark.parametrize("mapping", [0, 8])
+def test_blocks_are_points_that_the_shapes_own(mapping):
+    decoder = make_decoder(mapping=mapping)
+    points, codes = torch.randn(3, 4, 3).double(), torch.randn(3, CODE_LENGTH).double()
+    owner = torch.arange(3).repeat_interleave(4)
+    torch.testing.assert_close(
+        decoder.in_blocks(points, codes).flatten(), decoder(points.flatten(0, 1), codes, owner)
+    )
 
 
 def test_owner_tells_shapes_apart(decoder):

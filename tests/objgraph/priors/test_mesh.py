@@ -28,17 +28,17 @@ class Spheres(SdfDecoder):
     def like(self):
         return torch.zeros(())
 
-    def _inject(self, codes, owner, n):
-        return {"0": codes.expand(n, -1) if owner is None else codes[owner]}
+    def _enter(self, codes):
+        return {"0": codes}
+
+    def _d_enter(self, codes):
+        return {"0": torch.eye(codes.shape[1]).to(codes)[None]}
 
     def _network(self, points, injected):
         self.evaluated += len(points)
         spheres = injected["0"].reshape(len(points), self.count, 4)
         distance = torch.linalg.norm(points[:, None] - spheres[..., :3], dim=-1) - spheres[..., 3]
         return self.slope * distance.min(dim=1).values
-
-    def _code_gradient(self, d_injected):
-        return d_injected["0"]
 
 
 def test_a_sphere_has_the_area_and_volume_of_its_closed_form():
