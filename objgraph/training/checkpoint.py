@@ -1,42 +1,43 @@
 """The state of a training: decoder, codes, their running average and the optimiser, as tensors by name."""
 
+import math
 from pathlib import Path
 
 import torch
 from torch import Tensor
 
+from factors.decoder import Decoder
 from objgraph.errors import PriorError
+from objgraph.training.row_adam import RowAdam
 
 
-class AutoDecoder(torch.nn.Module):
-    """A decoder, the codes of its training shapes, and a running average of both."""
+class AutoDecoder:
+    """A decoder with a running average of its weights, and a Gaussian over the code of every training shape."""
 
     def __init__(
-        self, decoder: torch.nn.Module, shapes: int, code_length: int, seed: int, decay: float
+        self, decoder: Decoder, shapes: int, code_length: int, seed: int, decay: float, sigma: float
     ) -> None:
-        super().__init__()
         self.decoder = decoder
-        generator = torch.Generator().manual_seed(seed)
-        self.codes = torch.nn.Parameter(0.01 * torch.randn(shapes, code_length, generator=generator))
-        self.average = {name: value.detach().clone() for name, value in self.named_parameters()}
+        device, generator = next(decoder.parameters()).device, torch.Generator().manual_seed(seed)
+        mean = 0.1 * torch.randn(shapes, code_length, generator=generator)
+        log_variance = torch.full((shapes, code_length), 2 * math.log(sigma))
+        self.codes = RowAdam({"mean": mean.to(device), "log_variance": log_variance.to(device)})
+        self.average = {name: value.detach().clone() for name, value in decoder.named_parameters()}
         self.decay = decay
 
     @torch.no_grad()
     def update_average(self, step: int) -> None:
         """Move the average towards the present weights; quickly at first."""
         decay = min(self.decay, (step + 1) / (step + 10))
-        for name, value in self.named_parameters():
+        for name, value in self.decoder.named_parameters():
             self.average[name] = self.average[name].to(value).lerp_(value, 1 - decay)
-
-    def averaged(self) -> dict[str, Tensor]:
-        """The averaged weights, by parameter name (`decoder.*` and `codes`)."""
-        return dict(self.average)
 
 
 def pack(model: AutoDecoder, optimizer: torch.optim.Optimizer) -> dict[str, Tensor]:
     """Everything that a resumed training needs, as named tensors."""
-    tensors = {f"weight/{name}": value for name, value in model.named_parameters()}
+    tensors = {f"weight/{name}": value for name, value in model.decoder.named_parameters()}
     tensors |= {f"average/{name}": value for name, value in model.average.items()}
+    tensors |= {f"codes/{name}": value for name, value in model.codes.state().items()}
     for i, state in optimizer.state_dict()["state"].items():
         tensors |= {f"adam/{i}/{key}": value for key, value in state.items()}
     return tensors
@@ -52,9 +53,13 @@ def unpack(
         PriorError: the tensors are of another network or another set of shapes.
     """
     try:
-        for name, value in model.named_parameters():
+        for name, value in model.decoder.named_parameters():
             value.copy_(tensors[f"weight/{name}"])
             model.average[name].copy_(tensors[f"average/{name}"])
+        prefix = "codes/"
+        model.codes.restore(
+            {name.removeprefix(prefix): tensor for name, tensor in tensors.items() if name.startswith(prefix)}
+        )
         state: dict[int, dict[str, Tensor]] = {}
         for name, tensor in tensors.items():
             if name.startswith("adam/"):

@@ -1,4 +1,8 @@
-"""Training of a shape prior: an auto-decoder over signed-distance samples (Park et al., "DeepSDF", 2019)."""
+"""Training of a shape prior: a variational auto-decoder over signed-distance samples.
+
+Park et al., "DeepSDF", 2019; every shape's code is a Gaussian, held to N(0, I), of which each step draws one (Zadeh et
+al., "Variational Auto-Decoder", 2019): so codes drawn from N(0, I) are shapes as well.
+"""
 
 import hashlib
 import json
@@ -14,6 +18,7 @@ import numpy as np
 import torch
 from jaxtyping import Float, Int
 from torch import Tensor
+from torch.nn.functional import binary_cross_entropy_with_logits
 
 from factors.decoder import Decoder, DecoderConfig
 from objgraph.errors import PriorError
@@ -37,7 +42,9 @@ class TrainConfig:
     the procedural families are used."""
     out: Path = Path("out/train")
     """Work folder: sample cache, checkpoint, and the trained prior."""
-    decoder: DecoderConfig = field(default_factory=lambda: DecoderConfig(octaves=2, activation="relu"))
+    decoder: DecoderConfig = field(
+        default_factory=lambda: DecoderConfig(width=128, octaves=2, activation="relu", mapping=256)
+    )
     """The network."""
     corpus: CorpusConfig = field(default_factory=CorpusConfig)
     """The shapes."""
@@ -56,16 +63,22 @@ class TrainConfig:
     """Samples of each of them."""
     learning_rate: float = 1e-3
     """Adam's step for the network."""
-    code_learning_rate: float = 1e-2
-    """Adam's step for the codes, which see fewer steps than the network does."""
+    code_learning_rate: float = 4e-2
+    """Adam's step for the codes of the batch, which see fewer steps than the network does."""
     warmup: int = 200
     """Steps over which the learning rate rises from zero."""
     cooldown: float = 0.45
     """Last share of the steps, over which it falls to zero."""
-    code_penalty: float = 1e-4
-    """Weight of the codes' mean squared norm."""
+    code_weight: float = 1e-5
+    """Weight of the divergence, in nats, of a code's Gaussian from N(0, I); it rises over the first tenth of the steps."""
+    code_sigma: float = 0.1
+    """First standard deviation of the codes."""
     surface_scale: float = 0.05
     """Distance, canonical, at which a sample weighs half of one on the surface."""
+    sign_weight: float = 0.003
+    """Weight of the cross-entropy of the sign: what is inside and what is not."""
+    sign_scale: float = 0.01
+    """Distance, canonical, at which a sign is as good as known."""
     average_decay: float = 0.999
     """Decay a step of the running average of the weights that is exported."""
     seed: int = 0
@@ -109,6 +122,7 @@ class Trained:
 
     decoder: Decoder
     codes: Float[np.ndarray, "s l"]
+    """Means of the training shapes' Gaussians."""
     box: BoxFrame | None
     """The frame that the shapes were stretched to."""
     step: int
@@ -154,17 +168,19 @@ def _train(config: TrainConfig, corpus: Corpus, progress: Progress | None) -> Tr
     step, mean = _resume(config, path, model, optimizer)
     saved = time.monotonic()
     while step < config.steps:
-        for group, rate in zip(
-            optimizer.param_groups, (config.learning_rate, config.code_learning_rate), strict=True
-        ):
-            group["lr"] = rate * schedule(config, step)
-        batch, owner, batch_points, batch_sdf = _batch(config, step, points, sdf)
+        rate = schedule(config, step)
+        optimizer.param_groups[0]["lr"] = config.learning_rate * rate
+        batch, batch_points, batch_sdf = _batch(config, step, points, sdf)
         optimizer.zero_grad(set_to_none=True)
-        codes = model.codes[batch]
+        rows = model.codes.rows(batch)
+        noise = torch.randn(rows["mean"].shape, generator=torch.Generator().manual_seed(step)).to(sdf)
+        codes = rows["mean"] + (0.5 * rows["log_variance"]).exp() * noise
         with torch.autocast(points.device.type, torch.bfloat16, enabled=config.bf16):
-            prediction = model.decoder(batch_points, codes, owner)
-        loss = sdf_loss(prediction.float(), batch_sdf, config.surface_scale)
-        (loss + config.code_penalty * codes.square().sum(1).mean()).backward()
+            prediction = model.decoder.in_blocks(batch_points, codes).float()
+        loss = sdf_loss(prediction, batch_sdf, config.surface_scale)
+        loss = loss + config.sign_weight * sign_loss(prediction, batch_sdf, config.sign_scale)
+        rise = min(1.0, 10 * step / config.steps)
+        (loss + rise * config.code_weight * divergence(**rows).mean()).backward()
         value = loss.item()
         if not np.isfinite(value):
             raise PriorError(
@@ -172,6 +188,7 @@ def _train(config: TrainConfig, corpus: Corpus, progress: Progress | None) -> Tr
                 f"look at the samples (the last good checkpoint is {path})"
             )
         optimizer.step()
+        model.codes.step(batch, rows, config.code_learning_rate * rate)
         model.update_average(step)
         mean = value if step == 0 else mean + (value - mean) / min(step + 1, 500)
         step += 1
@@ -189,7 +206,8 @@ def load_trained(config: TrainConfig, corpus: Corpus) -> Trained:
     Raises:
         PriorError: there is no checkpoint of this training.
     """
-    model, optimizer = _model(config, len(corpus.training))
+    shapes = len(corpus.training)
+    model, optimizer = _model(config, shapes)
     path = checkpoint_path(config)
     if not path.is_file():
         raise PriorError(f"{path} does not exist: this category has not been trained in that folder")
@@ -198,11 +216,21 @@ def load_trained(config: TrainConfig, corpus: Corpus) -> Trained:
 
 
 def sdf_loss(
-    prediction: Float[Tensor, "n"], sdf: Float[Tensor, "n"], surface_scale: float
+    prediction: Float[Tensor, "..."], sdf: Float[Tensor, "..."], surface_scale: float
 ) -> Float[Tensor, ""]:
     """Mean absolute error of unclamped distances, weighted towards the surface."""
     weight = 1 / (1 + sdf.abs() / surface_scale)
     return (weight * (prediction - sdf).abs()).mean()
+
+
+def sign_loss(prediction: Float[Tensor, "..."], sdf: Float[Tensor, "..."], scale: float) -> Float[Tensor, ""]:
+    """Mean cross-entropy of which side samples are on; without it thin parts break, and matter is left between them."""
+    return binary_cross_entropy_with_logits(-prediction / scale, (sdf < 0).to(prediction))
+
+
+def divergence(mean: Float[Tensor, "b l"], log_variance: Float[Tensor, "b l"]) -> Float[Tensor, "b"]:
+    """Kullback-Leibler divergence of each Gaussian from N(0, I), nats."""
+    return 0.5 * (mean.square() + log_variance.exp() - 1 - log_variance).sum(dim=1)
 
 
 def schedule(config: TrainConfig, step: int) -> float:
@@ -230,23 +258,22 @@ def _stack(
 
 def _batch(
     config: TrainConfig, step: int, points: Float[Tensor, "s n 3"], sdf: Float[Tensor, "s n"]
-) -> tuple[Int[Tensor, "b"], Int[Tensor, "k"], Float[Tensor, "k 3"], Float[Tensor, "k"]]:
+) -> tuple[Int[Tensor, "b"], Float[Tensor, "b k 3"], Float[Tensor, "b k"]]:
     """The shapes and samples of a step, which its number and the seed decide alone."""
     rng = np.random.default_rng([config.seed, step])
     count = min(config.shapes_per_step, len(sdf))
     batch = torch.from_numpy(rng.choice(len(sdf), count, replace=False)).to(sdf.device)
     row = torch.from_numpy(rng.integers(sdf.shape[1], size=(count, config.points_per_shape))).to(sdf.device)
-    owner = torch.arange(count, device=sdf.device).repeat_interleave(config.points_per_shape)
     pick = (batch[:, None], row)
-    return batch, owner, points[pick].reshape(-1, 3), sdf[pick].reshape(-1)
+    return batch, points[pick], sdf[pick]
 
 
 def _model(config: TrainConfig, shapes: int) -> tuple[AutoDecoder, torch.optim.Optimizer]:
+    decoder = _decoder(config).to(_device(config))
     model = AutoDecoder(
-        _decoder(config), shapes, config.decoder.code_length, config.seed, config.average_decay
+        decoder, shapes, config.decoder.code_length, config.seed, config.average_decay, config.code_sigma
     )
-    model.to(_device(config))
-    return model, torch.optim.Adam([{"params": model.decoder.parameters()}, {"params": [model.codes]}])
+    return model, torch.optim.Adam(decoder.parameters())
 
 
 def _device(config: TrainConfig) -> torch.device:
@@ -269,7 +296,7 @@ def _resume(
     if not path.is_file():
         return 0, 0.0
     tensors, state = load_tensors(path)
-    if state.get("fingerprint") != config.fingerprint() or state.get("shapes") != len(model.codes):
+    if state.get("fingerprint") != config.fingerprint() or state.get("shapes") != len(model.codes.steps):
         raise PriorError(
             f"{path} is the checkpoint of another training (other settings or shapes): give an empty folder"
         )
@@ -286,14 +313,17 @@ def _save(
     step: int,
     loss: float,
 ) -> None:
-    state = {"fingerprint": config.fingerprint(), "shapes": len(model.codes), "step": step, "loss": loss}
+    state = {
+        "fingerprint": config.fingerprint(),
+        "shapes": len(model.codes.steps),
+        "step": step,
+        "loss": loss,
+    }
     save_tensors(pack(model, optimizer), state, path)
 
 
 def _trained(config: TrainConfig, corpus: Corpus, model: AutoDecoder, step: int, loss: float) -> Trained:
-    average = {name: value.cpu() for name, value in model.averaged().items()}
     decoder = _decoder(config)
-    prefix = "decoder."
-    decoder.load_state_dict({k.removeprefix(prefix): v for k, v in average.items() if k.startswith(prefix)})
+    decoder.load_state_dict({name: value.cpu() for name, value in model.average.items()})
     decoder.requires_grad_(False).eval()
-    return Trained(decoder, average["codes"].numpy().copy(), _box(config, corpus), step, loss)
+    return Trained(decoder, model.codes.tables["mean"].cpu().numpy().copy(), _box(config, corpus), step, loss)

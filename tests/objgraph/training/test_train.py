@@ -14,6 +14,7 @@ import trimesh
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
+from torch.distributions import Bernoulli, Normal, kl_divergence
 
 from factors.decoder import DecoderConfig
 from objgraph.errors import PriorError
@@ -22,10 +23,19 @@ from objgraph.priors.registry import load_prior
 from objgraph.priors.shape_prior import ShapePrior
 from objgraph.training.corpus import Corpus, CorpusConfig, build_corpus
 from objgraph.training.export import attribution, export_command, train_command
-from objgraph.training.fit import code_statistics, fit_error
+from objgraph.training.fit import fit_error
 from objgraph.training.index import CadMesh, heldout_groups, read_index
 from objgraph.training.samples import SampleConfig, SdfSamples
-from objgraph.training.train import TrainConfig, Trained, checkpoint_path, load_trained, schedule, train
+from objgraph.training.train import (
+    TrainConfig,
+    Trained,
+    checkpoint_path,
+    divergence,
+    load_trained,
+    schedule,
+    sign_loss,
+    train,
+)
 
 
 def ball(radius: float, seed: int, count: int = 1500) -> SdfSamples:
@@ -106,12 +116,24 @@ def prior_of(trained: Trained) -> ShapePrior:
     return ShapePrior(
         "ball",
         trained.decoder,
-        *code_statistics(trained.codes),
+        np.zeros(trained.codes.shape[1]),
+        np.eye(trained.codes.shape[1]),
         residual_sigma=0.01,
         size_mean=1.0,
         size_log_sigma=0.2,
         box=None if box is None else box.extents,
     )
+
+
+def test_divergence_and_sign_loss_are_torchs_own() -> None:
+    generator = torch.Generator().manual_seed(0)
+    mean, log_variance = torch.randn(2, 5, 4, generator=generator).double()
+    found = Normal(mean, (0.5 * log_variance).exp())
+    there = Normal(torch.zeros(4).double(), torch.ones(4).double())
+    torch.testing.assert_close(divergence(mean, log_variance), kl_divergence(found, there).sum(dim=1))
+    prediction, sdf = 0.02 * torch.randn(2, 50, generator=generator).double()
+    inside = Bernoulli(logits=-prediction / 0.01).log_prob((sdf < 0).double())
+    torch.testing.assert_close(sign_loss(prediction, sdf, 0.01), -inside.mean())
 
 
 def test_killed_training_resumes_with_the_same_result(config: TrainConfig, tmp_path: Path) -> None:
