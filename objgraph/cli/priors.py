@@ -14,7 +14,8 @@ from rich.markup import escape
 from rich.table import Table
 
 from objgraph.errors import PriorError
-from objgraph.priors.registry import ALIASES, WEIGHTS
+from objgraph.priors.categories import LABELS
+from objgraph.priors.registry import WEIGHTS
 from objgraph.priors.shape_prior import ShapePrior
 from objgraph.priors.store import load_prior_file
 
@@ -101,7 +102,7 @@ def describe(path: Path, shipped: bool = False) -> PriorEntry:
         category=prior.category,
         file=str(path),
         shipped=shipped,
-        aliases=tuple(alias for alias, category in ALIASES.items() if shipped and category == prior.category),
+        aliases=LABELS.get(prior.category, ()) if shipped else (),
         code_length=prior.decoder.code_length,
         network=_network(prior),
         parameters=sum(value.numel() for value in prior.decoder.parameters()),

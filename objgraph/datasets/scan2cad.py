@@ -24,6 +24,7 @@ from objgraph.datasets.files import read_json
 from objgraph.datasets.ground_truth import GroundTruth
 from objgraph.errors import DatasetError
 from objgraph.geometry.frames import transformed
+from objgraph.priors.categories import category_of
 
 log = logging.getLogger(__name__)
 
@@ -34,20 +35,6 @@ SYMMETRIES = {
     "__SYM_ROTATE_UP_INF": 0,
 }
 """Scan2CAD's symmetry classes as `GroundTruth.symmetry` counts them."""
-
-CATALOG_CATEGORIES = {
-    "02747177": "trash can",
-    "02808440": "bathtub",
-    "02818832": "bed",
-    "02871439": "bookshelf",
-    "02933112": "cabinet",
-    "02958343": "car",
-    "03001627": "chair",
-    "03211117": "monitor",
-    "04256520": "sofa",
-    "04379243": "table",
-}
-"""ShapeNet's category ids as this project names them."""
 
 _MATCH_DISTANCE = 0.1
 _MATCH_SHARE = 0.3
@@ -148,7 +135,7 @@ def _aligned_model(scan_trs: Any, model: dict[str, Any], core: Path, origin: str
         faces=np.asarray(mesh.faces),
         symmetry=SYMMETRIES[symmetry],
     )
-    return AlignedModel(truth, CATALOG_CATEGORIES.get(catalog, catalog))
+    return AlignedModel(truth, category_of(catalog))
 
 
 def _rigid(trs: Any) -> tuple[Float[np.ndarray, "4 4"], Float[np.ndarray, "3"]]:

@@ -26,25 +26,9 @@ from objgraph.datasets.scannet_files import Recording, mask_reader, open_recordi
 from objgraph.errors import DatasetError
 from objgraph.geometry.frames import transformed
 from objgraph.observation.frames import Frame, FrameSource, Instance
+from objgraph.priors.categories import category_of
 
 log = logging.getLogger(__name__)
-
-CATEGORIES: dict[str, str] = {
-    "chair": "chair",
-    "office chair": "chair",
-    "armchair": "chair",
-    "stool": "chair",
-    "table": "table",
-    "desk": "table",
-    "coffee table": "table",
-    "dining table": "table",
-    "trash bin": "trash can",
-    "recycling bin": "trash can",
-    "couch": "sofa",
-    "file cabinet": "cabinet",
-    "kitchen cabinet": "cabinet",
-}
-"""ScanNet's labels and the category that they are mapped as; any other label is its own category."""
 
 NO_OBJECTS = frozenset(
     ("wall", "floor", "ceiling", "window", "windowsill", "door", "doorframe", "curtain", "shower curtain")
@@ -97,7 +81,7 @@ def load(
     """The scan `scene` under `root`, or the only one there.
 
     `stride` keeps every stride-th frame. `categories` maps ScanNet's labels to categories and limits the objects to
-    them; by default every label but `NO_OBJECTS` is mapped, renamed by `CATEGORIES`. `scan2cad` (folder of
+    them; by default every label but `NO_OBJECTS` is mapped, by `category_of`. `scan2cad` (folder of
     `full_annotations.json`) and `shapenet` are by default the folders of these names beside `root`; without
     annotations the ground truth is empty. Frames whose pose is missing, not finite or not rigid are left out
     with a warning. Raises `DatasetError` for what is missing or damaged, here or when a frame is read.
@@ -132,7 +116,7 @@ def _instances(
 ) -> tuple[Instance, ...]:
     """The objects to map; a mask's value is the objectId plus one."""
     if categories is None:
-        categories = {label: CATEGORIES.get(label, label) for label in set(labels.values()) - NO_OBJECTS}
+        categories = {label: category_of(label) for label in set(labels.values()) - NO_OBJECTS}
     others = sorted({label for label in labels.values() if label not in categories})
     if others:
         log.info("%s: objects left out, no category for their labels: %s", scene, ", ".join(others))

@@ -7,6 +7,7 @@ from functools import cache
 from pathlib import Path
 
 from objgraph.errors import PriorError
+from objgraph.priors.categories import category_of
 from objgraph.priors.fallback import NAME, fallback_prior
 from objgraph.priors.shape_prior import ShapePrior
 from objgraph.priors.store import load_prior_file
@@ -14,31 +15,6 @@ from objgraph.priors.store import load_prior_file
 log = logging.getLogger(__name__)
 
 WEIGHTS = Path(__file__).parent / "weights"
-
-ALIASES = {
-    "armchair": "chair",
-    "office chair": "chair",
-    "office_chair": "chair",
-    "stool": "chair",
-    "03001627": "chair",
-    "desk": "table",
-    "coffee table": "table",
-    "coffee_table": "table",
-    "dining table": "table",
-    "dining_table": "table",
-    "04379243": "table",
-    "automobile": "car",
-    "sedan": "car",
-    "hatchback": "car",
-    "suv": "car",
-    "van": "car",
-    "minivan": "car",
-    "pickup": "car",
-    "pickup truck": "car",
-    "taxi": "car",
-    "02958343": "car",
-}
-"""Labels of common data sets (and ShapeNet's synset ids) that a shipped prior serves."""
 
 
 def available_priors() -> tuple[str, ...]:
@@ -77,7 +53,7 @@ def prior_for(category: str, given: Sequence[ShapePrior] = ()) -> ShapePrior:
     """
     name = _named(category)
     for prior in given:
-        if prior.category.lower() in (name, ALIASES.get(name)):
+        if prior.category.lower() in (name, category_of(name)):
             return prior
     shipped = _shipped_file(category)
     if shipped is not None:
@@ -91,8 +67,7 @@ def _named(category: str) -> str:
 
 
 def _shipped_file(category: str) -> Path | None:
-    name = _named(category)
-    name = ALIASES.get(name, name)
+    name = category_of(category)
     return WEIGHTS / f"{name}.safetensors" if name in available_priors() else None
 
 

@@ -14,9 +14,13 @@ from safetensors import SafetensorError
 from torch import Tensor
 
 from objgraph.errors import SegmentationError
+from objgraph.priors.categories import LABELS
+from objgraph.priors.registry import available_priors
 
-CATEGORIES = {"chair": "chair", "dining table": "table", "desk": "table", "car": "car"}
-"""From COCO's names of things to ours; what is not named is left out."""
+CATEGORIES = {
+    name: category for category in available_priors() for name in (category, *LABELS.get(category, ()))
+}
+"""From the names of things that a shipped prior serves to ours; what is not named is left out."""
 _MEAN, _STD = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)
 """Of the images that backbones are trained on; a checkpoint may say otherwise."""
 _INSTALL = "install it with: pip install 'objgraph[segment]'"

@@ -9,6 +9,7 @@ from collections.abc import Sequence
 import gtsam
 import numpy as np
 
+from objgraph.priors.categories import category_of
 from objgraph.slam.association.gate import Fit
 from objgraph.slam.association.near import camera_of, cleaned
 from objgraph.slam.association.rounds import Round, Rounds
@@ -19,7 +20,6 @@ from objgraph.slam.association.types import (
     MappedCandidate,
     Match,
     Unmatched,
-    shared_category,
 )
 
 _LOG = logging.getLogger(__name__)
@@ -92,6 +92,6 @@ def _why_unmatched(
     if not np.isfinite(distance).any():
         return "nothing is mapped"
     j = int(np.argmin(distance))
-    same = shared_category(objects[j].category) == shared_category(detections[i].category)
+    same = category_of(objects[j].category) == category_of(detections[i].category)
     kind = "" if same else f", a {objects[j].category}"
     return f"the nearest, {objects[j].name}{kind}, is {max(distance[j], 0.0):.2f} m away"

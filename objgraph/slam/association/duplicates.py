@@ -15,8 +15,9 @@ from factors.state import POSE_DOF, RIGID_DOF
 from objgraph.covariance.quantile import squared_limit
 from objgraph.errors import FactorError, SolveError
 from objgraph.geometry.boxes import OrientedBox, box_iou
+from objgraph.priors.categories import category_of
 from objgraph.slam.association.decode import Asked, decode
-from objgraph.slam.association.types import AssociationConfig, MappedCandidate, Merge, shared_category
+from objgraph.slam.association.types import AssociationConfig, MappedCandidate, Merge
 
 _LOG = logging.getLogger(__name__)
 
@@ -75,7 +76,7 @@ def _near(objects: Sequence[MappedCandidate]) -> list[tuple[int, int]]:
         return []
     centres = np.array([objects[i].state.T_world_object.translation() for i in usable])
     radii = np.array([objects[i].radius for i in usable])
-    kinds = np.array([shared_category(objects[i].category) for i in usable])
+    kinds = np.array([category_of(objects[i].category) for i in usable])
     a, b = cKDTree(centres).query_pairs(radii.max(), output_type="ndarray").T
     apart = np.linalg.norm(centres[a] - centres[b], axis=1)
     kept = (kinds[a] == kinds[b]) & (apart <= np.maximum(radii[a], radii[b]))

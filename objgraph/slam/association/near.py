@@ -10,7 +10,8 @@ from jaxtyping import Float
 
 from objgraph.errors import ObservationError
 from objgraph.observation.sampling import ObjectView
-from objgraph.slam.association.types import AssociationConfig, Detection, MappedCandidate, shared_category
+from objgraph.priors.categories import category_of
+from objgraph.slam.association.types import AssociationConfig, Detection, MappedCandidate
 
 _LOG = logging.getLogger(__name__)
 
@@ -75,8 +76,8 @@ def near_pairs(
     """Detections and the nearest objects of their category within `reach`."""
     if not distance.size:
         return []
-    wanted = np.array([shared_category(detection.category) for detection in detections])
-    mapped = np.array([shared_category(entry.category) for entry in objects])
+    wanted = np.array([category_of(detection.category) for detection in detections])
+    mapped = np.array([category_of(entry.category) for entry in objects])
     apart = np.where(wanted[:, None] == mapped, distance, np.inf)
     order = np.argsort(apart, axis=1, kind="stable")[:, : config.candidates]
     return [(i, int(j)) for i, row in enumerate(order) for j in row if apart[i, j] <= config.reach]

@@ -11,7 +11,6 @@ from factors.sdf_decoder import SdfDecoder
 from factors.state import CAMERA_DOF, RIGID_DOF, ObjectState
 from objgraph.errors import FactorError, SolveError
 from objgraph.observation.sampling import ObjectView
-from objgraph.priors.registry import ALIASES
 
 
 @dataclass(frozen=True)
@@ -161,9 +160,3 @@ class Merge(NamedTuple):
     reason: str
     mahalanobis: float
     overlap: float
-
-
-def shared_category(label: str) -> str:
-    """The name under which all labels of one category are the same."""
-    name = label.strip().lower()
-    return ALIASES.get(name, name)

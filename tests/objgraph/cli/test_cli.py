@@ -160,4 +160,4 @@ def test_a_category_that_the_scan_has_not_is_named(shared_data, tmp_path, capsys
     arguments = ["map", "--dataset", "scannet", "--root", str(shared_data / "scannet")]
     assert main([*arguments, "--categories", "zebra", "--out", str(tmp_path / "out")]) == 1
     printed = capsys.readouterr().out
-    assert "scene0470_00 has no object of zebra; its categories: chair, table, trash can" in printed
+    assert "scene0470_00 has no object of zebra; its categories: chair, table, trash_bin" in printed

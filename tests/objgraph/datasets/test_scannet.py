@@ -50,7 +50,7 @@ def test_frames_are_read_in_metres_at_the_depth_resolution(tmp_path):
 def test_labels_become_categories(tmp_path, caplog):
     folder = write_exported_scan(tmp_path)
     scan = load_scan("scannet", tmp_path)
-    assert scan.instances == (Instance(1, "chair"), Instance(2, "trash can"), Instance(3, "table"))
+    assert scan.instances == (Instance(1, "chair"), Instance(2, "trash_bin"), Instance(3, "table"))
     with caplog.at_level(logging.INFO):
         scan = load_scan("scannet", tmp_path, categories={"office chair": "chair"})
     assert scan.instances == (Instance(1, "chair"),)
@@ -68,7 +68,7 @@ def test_the_room_itself_is_no_object(tmp_path):
     labels = {0: "wall", 1: "recycling bin", 2: "floor", 3: "piano"}
     groups = [{"id": k, "objectId": k, "segments": [k], "label": label} for k, label in labels.items()]
     write_bytes(folder / f"{SCENE}.aggregation.json", json.dumps({"segGroups": groups}).encode())
-    assert load_scan("scannet", tmp_path).instances == (Instance(2, "trash can"), Instance(4, "piano"))
+    assert load_scan("scannet", tmp_path).instances == (Instance(2, "trash_bin"), Instance(4, "piano"))
     wall = load_scan("scannet", tmp_path, categories={"wall": "wall"})
     assert wall.instances == (Instance(1, "wall"),)
 
@@ -271,7 +271,7 @@ def test_the_real_scan(shared_data):
     assert len(scan.frames) == 48
     categories = {instance.id: instance.category for instance in scan.instances}
     assert categories == {
-        1: "trash can",
+        1: "trash_bin",
         2: "chair",
         3: "chair",
         4: "chair",

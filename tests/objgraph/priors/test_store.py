@@ -17,8 +17,9 @@ from factors.errors import FactorError
 from factors.state import ObjectKeys, ObjectState
 from objgraph.errors import PriorError
 from objgraph.graph.builder import GraphConfig, ObjectBuilder
+from objgraph.priors.categories import ALIASES
 from objgraph.priors.misfit import BoxMisfit
-from objgraph.priors.registry import ALIASES, WEIGHTS, available_priors, load_prior
+from objgraph.priors.registry import WEIGHTS, available_priors, load_prior
 from objgraph.priors.shape_prior import ShapePrior
 from objgraph.priors.store import digest, save_prior
 from objgraph.training.size import USUAL, size_statistics
@@ -189,8 +190,13 @@ def test_what_need_not_stand_has_no_feet() -> None:
     assert costs[1] == pytest.approx(0.0, abs=1e-6)
 
 
-def test_aliases_lead_to_shipped_priors() -> None:
-    assert set(ALIASES.values()) <= set(available_priors())
+def test_labels_lead_to_one_category_and_to_its_prior() -> None:
+    assert set(available_priors()) <= set(LABELS)
+    assert len(ALIASES) == sum(len(labels) for labels in LABELS.values())
+    assert not set(ALIASES) & set(LABELS)
+    for label, category in ALIASES.items():
+        assert category_of(f" {label.upper().replace(' ', '_')}") == category
+    assert category_of("Piano") == "piano"
     assert load_prior("Office Chair").category == "chair"
 
 
