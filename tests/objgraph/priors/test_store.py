@@ -17,7 +17,7 @@ from factors.errors import FactorError
 from factors.state import ObjectKeys, ObjectState
 from objgraph.errors import PriorError
 from objgraph.graph.builder import GraphConfig, ObjectBuilder
-from objgraph.priors.categories import ALIASES
+from objgraph.priors.categories import ALIASES, LABELS, category_of
 from objgraph.priors.misfit import BoxMisfit
 from objgraph.priors.registry import WEIGHTS, available_priors, load_prior
 from objgraph.priors.shape_prior import ShapePrior
