@@ -111,7 +111,10 @@ def test_samples_are_true_distances_and_repeat() -> None:
     assert_allclose(samples.sdf, box_distance(samples.points, extents), atol=1e-5)
     assert samples.points.shape == (2000, 3)
     # nearer share, farther share, and uniform ones
-    assert np.abs(samples.sdf[:900]).max() < 6 * CONFIG.near_sigma
+    near, far = round(CONFIG.near_share * 2000), round((CONFIG.near_share + CONFIG.far_share) * 2000)
+    assert np.abs(samples.sdf[:near]).max() < 6 * CONFIG.near_sigma
+    assert np.abs(samples.sdf[near:far]).max() > 6 * CONFIG.near_sigma
+    assert (np.abs(samples.points[far : far + 400]) <= 0.55 * samples.extents + 1e-6).all()
     assert np.abs(samples.sdf[-500:]).max() > 0.2
     assert 0.2 < (samples.sdf < 0).mean() < 0.6
 
