@@ -36,7 +36,6 @@ from objgraph.bench.metrics.box_error import box_error, corners_m
 from objgraph.bench.metrics.metrics import evaluate_object
 from objgraph.bench.views_needed import Row, mean_errors, objects_of, seen_by_all, views_needed, within
 from objgraph.bench.worlds.cases import UP, BenchmarkConfig, Case, World, synthetic_cases
-from objgraph.bench.worlds.viewpoints import intrinsics
 from objgraph.covariance.box import box_pose
 from objgraph.errors import ObjectGraphError, ObservationError
 from objgraph.estimate.graph import GraphEstimator
@@ -50,6 +49,7 @@ from objgraph.priors.mesh import extract_mesh
 from objgraph.priors.registry import load_prior
 from objgraph.priors.shape_prior import ShapePrior
 from objgraph.show.next_view import sphere_picture
+from objgraph.synthetic.camera import intrinsics
 
 GOAL = 4
 """Views of the policy that the others are measured against."""

@@ -22,7 +22,6 @@ from objgraph.bench.comparison.objects.scan_cases import ScanSource, read_split
 from objgraph.bench.comparison.objects.stability import compare_again
 from objgraph.bench.comparison.writing.report import Report
 from objgraph.bench.worlds.cases import BenchmarkConfig
-from objgraph.bench.worlds.faults import FaultRanges, faults_from
 from objgraph.bench.worlds.viewpoints import VIEWS
 from objgraph.cli.evaluate_command import EvaluateCommand
 from objgraph.cli.progress import Progress, progress
@@ -30,6 +29,7 @@ from objgraph.cli.suite import run_suite
 from objgraph.datasets.files import read_json
 from objgraph.datasets.registry import datasets, has_boxes
 from objgraph.errors import EvaluationError
+from objgraph.synthetic.faults import FaultRanges, faults_from
 from objgraph.version import program_version
 
 

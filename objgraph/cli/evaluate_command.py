@@ -8,10 +8,10 @@ import tyro
 
 from objgraph.bench.comparison.objects.cases import SYNTHETIC
 from objgraph.bench.comparison.objects.rows import SHARED
-from objgraph.bench.worlds.faults import Difficulty
 from objgraph.bench.worlds.meshes import ShapeSet
 from objgraph.cli.suite_parts import Suite
 from objgraph.errors import EvaluationError
+from objgraph.synthetic.faults import Difficulty
 
 FIGURES = "figures.json"
 """The file of a comparison's figures, by default."""

@@ -7,6 +7,9 @@ from jaxtyping import Float
 from scipy.ndimage import gaussian_filter1d
 
 from objgraph.geometry.frames import look_at
+from objgraph.observation.frames import Intrinsics
+
+Pose = Float[np.ndarray, "4 4"]
 
 
 @dataclass(frozen=True)
@@ -35,6 +38,13 @@ def camera_matrix(config: CameraConfig) -> Float[np.ndarray, "3 3"]:
     """Intrinsics with pixel centres at integer coordinates."""
     f = config.focal_per_width * config.width
     return np.array([[f, 0, (config.width - 1) / 2], [0, f, (config.height - 1) / 2], [0, 0, 1.0]])
+
+
+def intrinsics(config: CameraConfig | None = None) -> Intrinsics:
+    """The same pinhole, of its images' size."""
+    config = config or CameraConfig()
+    K = camera_matrix(config)
+    return Intrinsics(K[0, 0], K[1, 1], K[0, 2], K[1, 2], config.width, config.height)
 
 
 def camera_path(

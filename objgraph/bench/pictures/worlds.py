@@ -12,9 +12,9 @@ from matplotlib.figure import Figure
 from objgraph.bench.pictures.contact_sheet import draw_mesh
 from objgraph.bench.worlds.cases import BenchmarkConfig, synthetic_cases
 from objgraph.bench.worlds.families import FAMILIES, make_piece
-from objgraph.bench.worlds.faults import Difficulty
 from objgraph.bench.worlds.viewpoints import VIEWS
 from objgraph.show.figure import finish, show
+from objgraph.synthetic.faults import Difficulty
 
 _OUTLINE = "#ff3cac"
 

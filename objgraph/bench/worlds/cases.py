@@ -11,15 +11,15 @@ from numpy.random import Generator
 
 from objgraph.bench.worlds.difficult_views import draw_difficult_scene, visible_shares
 from objgraph.bench.worlds.families import FAMILIES, make_piece
-from objgraph.bench.worlds.faults import Difficulty, FaultRanges, Faults, ranges_of
 from objgraph.bench.worlds.meshes import CadShape, ShapeSet, choose_shapes, mesh_furniture
-from objgraph.bench.worlds.photograph import MEASURED, dark_places, photograph
-from objgraph.bench.worlds.viewpoints import VIEWS, Pose, Scene, Spacing, can_hold, draw_scene, intrinsics
+from objgraph.bench.worlds.viewpoints import VIEWS, Scene, Spacing, can_hold, draw_scene
 from objgraph.datasets.ground_truth import AnnotatedScan, GroundTruth
 from objgraph.errors import DatasetError
 from objgraph.observation.frames import Frame, FrameSource, Instance
-from objgraph.synthetic.camera import CameraConfig, camera_matrix
+from objgraph.synthetic.camera import CameraConfig, Pose, camera_matrix, intrinsics
+from objgraph.synthetic.faults import Difficulty, FaultRanges, Faults, ranges_of
 from objgraph.synthetic.furniture import Category, Furniture
+from objgraph.synthetic.photograph import MEASURED, dark_places, photograph
 from objgraph.synthetic.render import Renderer
 from objgraph.synthetic.sensor import SensorConfig, sense_depth, sense_masks
 

@@ -8,21 +8,20 @@ import trimesh
 from jaxtyping import Bool, Float
 from numpy.random import Generator
 
-from objgraph.bench.worlds.faults import Faults
 from objgraph.bench.worlds.raycaster import Raycaster, raycaster
 from objgraph.bench.worlds.room import Room, draw_room
 from objgraph.bench.worlds.viewpoints import (
     HEIGHT_M,
     VIEWS,
-    Pose,
     Scene,
     TargetView,
     can_hold,
-    intrinsics,
     with_roll,
 )
 from objgraph.errors import DatasetError
 from objgraph.geometry.frames import look_at, transformed, transformed_back
+from objgraph.synthetic.camera import Pose, intrinsics
+from objgraph.synthetic.faults import Faults
 from objgraph.synthetic.furniture import Furniture
 
 MIN_PIXELS = 1200

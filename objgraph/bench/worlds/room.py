@@ -9,7 +9,7 @@ from numpy.random import Generator
 
 from objgraph.bench.worlds.crowd import pushed_against, things_on
 from objgraph.bench.worlds.families import FAMILIES, make_piece
-from objgraph.bench.worlds.faults import Faults
+from objgraph.synthetic.faults import Faults
 from objgraph.synthetic.furniture import Category, Furniture
 from objgraph.synthetic.parts import join
 from objgraph.synthetic.scene import PlacedFurniture, RoomConfig, overlap, room_shell, stand

@@ -12,12 +12,10 @@ from objgraph.bench.worlds.raycaster import Raycaster, raycaster
 from objgraph.bench.worlds.room import Room, draw_room
 from objgraph.errors import DatasetError
 from objgraph.geometry.frames import look_at
-from objgraph.observation.frames import Intrinsics
-from objgraph.synthetic.camera import CameraConfig, camera_matrix
+from objgraph.synthetic.camera import Pose, intrinsics
 from objgraph.synthetic.furniture import Furniture
 
 Spacing = Literal["wide", "close"]
-Pose = Float[np.ndarray, "4 4"]
 VIEWS = 3
 """Views of a case."""
 APART: dict[Spacing, tuple[float, float]] = {"wide": (40.0, 100.0), "close": (5.0, 15.0)}
@@ -49,13 +47,6 @@ class Scene:
 
     room: Room
     cameras: dict[Spacing, tuple[Pose, ...]]
-
-
-def intrinsics() -> Intrinsics:
-    """Of every frame."""
-    config = CameraConfig()
-    K = camera_matrix(config)
-    return Intrinsics(K[0, 0], K[1, 1], K[0, 2], K[1, 2], config.width, config.height)
 
 
 def draw_scene(piece: Furniture, rng: Generator) -> Scene:

@@ -21,7 +21,6 @@ from objgraph.bench.comparison.running.store import plain
 from objgraph.bench.metrics.box_error import box_error
 from objgraph.bench.metrics.metrics import BoxEvaluation, Evaluation, evaluate_box, evaluate_object
 from objgraph.bench.metrics.placed import PlacedMesh
-from objgraph.bench.worlds.photograph import MEASURED
 from objgraph.covariance.box import box_pose
 from objgraph.datasets.ground_truth import AnnotatedScan, GroundTruth, TrueBox
 from objgraph.errors import InitialisationError, ObjectGraphError, ObservationError, SolveError
@@ -31,6 +30,7 @@ from objgraph.observation.frames import Frame
 from objgraph.observation.sampling import ObjectView, SamplingConfig, observe
 from objgraph.priors.mesh import extract_mesh
 from objgraph.priors.shape_prior import ShapePrior
+from objgraph.synthetic.photograph import MEASURED
 
 log = logging.getLogger(__name__)
 

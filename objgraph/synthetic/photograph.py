@@ -8,13 +8,12 @@ from jaxtyping import Bool, Float
 from numpy.random import Generator
 from scipy.spatial import cKDTree
 
-from objgraph.bench.worlds.faults import Faults, unit
-from objgraph.bench.worlds.faulty_images import faulty_depth, faulty_masks
-from objgraph.bench.worlds.viewpoints import Pose, intrinsics
 from objgraph.datasets.ground_truth import GroundTruth
 from objgraph.geometry.frames import transformed
 from objgraph.observation.frames import Frame
-from objgraph.synthetic.camera import CameraConfig, camera_matrix
+from objgraph.synthetic.camera import CameraConfig, Pose, camera_matrix, intrinsics
+from objgraph.synthetic.faults import Faults, unit
+from objgraph.synthetic.faulty_images import faulty_depth, faulty_masks
 from objgraph.synthetic.render import Renderer
 from objgraph.synthetic.sensor import SensorConfig
 

@@ -14,11 +14,11 @@ from scipy import ndimage
 from objgraph.bench.worlds.cases import BenchmarkConfig, Case, synthetic_cases
 from objgraph.bench.worlds.crowd import pushed_against
 from objgraph.bench.worlds.families import FAMILIES, make_piece
-from objgraph.bench.worlds.faults import EVERYDAY, HARD, FaultRanges, Faults, faults_from, ranges_of
-from objgraph.bench.worlds.faulty_images import faulty_depth, faulty_masks
-from objgraph.bench.worlds.photograph import MEASURED
 from objgraph.datasets.ground_truth import AnnotatedScan
 from objgraph.errors import DatasetError
+from objgraph.synthetic.faults import EVERYDAY, HARD, FaultRanges, Faults, faults_from, ranges_of
+from objgraph.synthetic.faulty_images import faulty_depth, faulty_masks
+from objgraph.synthetic.photograph import MEASURED
 from objgraph.synthetic.scene import stand
 from objgraph.synthetic.sensor import SensorConfig
 from tests.conftest import REPOSITORY

@@ -8,7 +8,7 @@ from jaxtyping import Bool, Float, Int
 from numpy.random import Generator
 from scipy import ndimage
 
-from objgraph.bench.worlds.faults import Faults, pixels
+from objgraph.synthetic.faults import Faults, pixels
 from objgraph.synthetic.sensor import SensorConfig, sense_depth, sense_masks
 
 _BORDER_PX = 16.0
