@@ -17,9 +17,9 @@ from factors.state import ObjectState
 from objgraph.errors import InitialisationError, ObservationError
 from objgraph.geometry.frames import transformed
 from objgraph.graph.builder import ObjectBuilder
-from objgraph.graph.initial_box import gravity_box, smallest_heading
 from objgraph.graph.single_object import SingleObject
 from objgraph.graph.solve import LevenbergMarquardtConfig, Problem, SolverConfig, solve
+from objgraph.observation.gravity_box import gravity_box, smallest_heading
 from objgraph.observation.sampling import ObjectView
 from objgraph.priors.shape_prior import ShapePrior
 

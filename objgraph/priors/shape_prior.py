@@ -11,6 +11,7 @@ from jaxtyping import Float
 from factors.rays import BOX_HALF_SIZE
 from factors.sdf_decoder import SdfDecoder
 from objgraph.errors import SolveError
+from objgraph.priors.first_guess import FirstGuess
 from objgraph.priors.mesh import extract_mesh
 from objgraph.priors.misfit import BoxMisfit
 
@@ -48,6 +49,8 @@ class ShapePrior:
     decoder takes coordinates of diagonal 1 as they are."""
     box_misfit: BoxMisfit = field(default_factory=BoxMisfit)
     """How far boxes of real objects lie from those that its shapes have."""
+    guess: FirstGuess | None = None
+    """Says from the points seen how an object may stand; None where none was trained."""
     surface_misfit: float = 1.0
     """Factor on the variances that marginals give the surface of real objects; one where nothing was measured."""
 

@@ -15,6 +15,7 @@ from factors.errors import FactorError
 from factors.sdf_decoder import SdfDecoder
 from factors.superquadric import Superquadric, SuperquadricConfig
 from objgraph.errors import PriorError
+from objgraph.priors.first_guess import FirstGuess, FirstGuessConfig
 from objgraph.priors.misfit import BoxMisfit
 from objgraph.priors.shape_prior import ShapePrior
 from objgraph.priors.tensors import load_tensors, save_tensors
@@ -34,12 +35,17 @@ def save_prior(prior: ShapePrior, path: Path) -> None:
         tensors["prototypes"] = torch.from_numpy(np.asarray(prior.prototypes, np.float64))
     if prior.box is not None:
         tensors["box"] = torch.from_numpy(np.asarray(prior.box, np.float64))
+    guess = {}
+    if prior.guess is not None:
+        tensors |= {f"guess.{name}": value for name, value in prior.guess.state_dict().items()}
+        guess = {"guess": asdict(prior.guess.config)}
     header = {
         "format": FORMAT,
         "category": prior.category,
         "frame": FRAME,
         "scale": SCALE if prior.box is None else BOX_SCALE,
         "decoder": _decoder_header(prior.decoder),
+        **guess,
         "residual_sigma": prior.residual_sigma,
         "size_mean": prior.size_mean,
         "size_log_sigma": prior.size_log_sigma,
@@ -67,10 +73,11 @@ def load_prior_file(path: Path) -> ShapePrior:
         raise PriorError(f"{path} is damaged: its tensors do not have the hash that its card gives")
     try:
         decoder = _decoder_of(header["decoder"])
-        prefix = "decoder."
-        decoder.load_state_dict(
-            {k.removeprefix(prefix): v for k, v in tensors.items() if k.startswith(prefix)}
-        )
+        decoder.load_state_dict(_part(tensors, "decoder."))
+        guess = None
+        if "guess" in header:
+            guess = FirstGuess(FirstGuessConfig(**header["guess"])).requires_grad_(False).eval()
+            guess.load_state_dict(_part(tensors, "guess."))
         mean, covariance = tensors["code_mean"].numpy(), tensors["code_covariance"].numpy()
         prototypes = tensors["prototypes"].numpy() if "prototypes" in tensors else None
         box = tensors["box"].numpy() if "box" in tensors else None
@@ -86,6 +93,8 @@ def load_prior_file(path: Path) -> ShapePrior:
     fit = mean.shape == (length,) and covariance.shape == (length, length)
     if box is not None and (box.shape != (3,) or not (box > 0).all()):
         raise PriorError(f"{path}: the box {box} is not three positive edges")
+    if guess is not None and guess.config.code_length != length:
+        raise PriorError(f"{path}: its first guess is of codes of another length than its decoder's {length}")
     if not fit or (prototypes is not None and prototypes.shape[1:] != (length,)):
         raise PriorError(
             f"{path}: code statistics of shapes {mean.shape} and {covariance.shape} do not fit a decoder of "
@@ -100,6 +109,7 @@ def load_prior_file(path: Path) -> ShapePrior:
         [] if anisotropy is None else [anisotropy],
         [*asdict(misfit).values(), surface_misfit],
         *(value.numpy() for value in decoder.state_dict().values()),
+        *([] if guess is None else [value.numpy() for value in guess.state_dict().values()]),
     ]
     if not all(np.isfinite(array).all() for array in arrays):
         raise PriorError(f"{path}: a weight or statistic is not finite")
@@ -117,8 +127,13 @@ def load_prior_file(path: Path) -> ShapePrior:
         anisotropy_sigma=anisotropy,
         box=box,
         box_misfit=misfit,
+        guess=guess,
         surface_misfit=surface_misfit,
     )
+
+
+def _part(tensors: dict[str, Tensor], prefix: str) -> dict[str, Tensor]:
+    return {key.removeprefix(prefix): value for key, value in tensors.items() if key.startswith(prefix)}
 
 
 def _decoder_header(decoder: SdfDecoder) -> dict[str, Any]:

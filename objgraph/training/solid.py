@@ -20,7 +20,7 @@ from objgraph.geometry.meshes import signed_volume
 SHEET_HALF_THICKNESS = 0.003
 """Half the thickness given to single sheets, in canonical units: some 3 mm on a chair."""
 
-SOLID_VERSION = 3
+SOLID_VERSION = 5
 """Part of the cache's keys: raised whenever `solidify` or `joined` gives other distances for the same mesh."""
 
 _MAX_CLOSED_COMPONENTS = 60

@@ -11,7 +11,7 @@ from factors.errors import FactorError
 from factors.floor import FloorFactor, camera_from_pose
 from factors.state import CAMERA_DOF, POSE_DOF, ObjectKeys, ObjectState
 from tests.factors.conftest import SphereDecoder, assert_gtsam_has, make_decoder, random_state
-from tests.objgraph.graph.test_initial_box import ups
+from tests.objgraph.observation.test_gravity_box import ups
 
 KEYS = ObjectKeys.numbered(0)
 UP = np.array([0.2, -0.3, 0.9])

@@ -18,7 +18,7 @@ from objgraph.graph.initialise import (
 from objgraph.graph.solve import Problem, SolverConfig
 from objgraph.observation.sampling import ObjectView, SamplingConfig, observe
 from objgraph.priors.mesh import extract_mesh
-from tests.objgraph.graph.test_initial_box import cuboid, turned
+from tests.objgraph.observation.test_gravity_box import cuboid, turned
 from tests.toys import ToyDecoder, toy_frame, toy_prior, toy_state
 
 UP = np.array([0.0, 0.0, 1.0])

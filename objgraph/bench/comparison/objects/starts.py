@@ -18,8 +18,8 @@ from objgraph.bench.comparison.objects.config import ComparisonConfig
 from objgraph.errors import InitialisationError
 from objgraph.geometry.frames import transformed_back
 from objgraph.graph.builder import ObjectBuilder
-from objgraph.graph.initial_box import gravity_box, smallest_heading
 from objgraph.graph.initialise import guesses, rank
+from objgraph.observation.gravity_box import gravity_box, smallest_heading
 from objgraph.observation.sampling import ObjectView
 from objgraph.priors.mesh import extract_mesh
 from objgraph.priors.shape_prior import ShapePrior

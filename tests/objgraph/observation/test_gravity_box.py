@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from objgraph.graph.initial_box import gravity_box, smallest_heading
+from objgraph.observation.gravity_box import gravity_box, smallest_heading
 
 UP = np.array([0.0, 0.0, 1.0])
 SIZE = np.array([0.9, 0.4, 1.3])

@@ -1,0 +1,75 @@
+"""What views say of one object as a small cloud about its seen box, for a network."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+from numpy.random import Generator
+
+from objgraph.geometry.frames import transformed
+from objgraph.observation.gravity_box import GravityBox, gravity_box, smallest_heading
+from objgraph.observation.sampling import ObjectView
+
+FEATURES = 8
+"""Of each point of a cloud: place and viewing direction in the box' frame, height over the box' floor, and whether it is
+seen to be free."""
+
+
+@dataclass(frozen=True)
+class ViewCloud:
+    """Points that one view sees, in the world."""
+
+    surface: Float[np.ndarray, "n 3"]
+    free: Float[np.ndarray, "m 3"]
+    """Seen to be empty: on the rays that pass the object, as deep as it is next to them."""
+    eye: Float[np.ndarray, "3"]
+    """Where the camera is."""
+
+
+@dataclass(frozen=True)
+class Cloud:
+    """Points about the smallest upright box that holds those seen."""
+
+    points: Float[np.ndarray, "p 8"]
+    box: GravityBox
+
+
+def view_cloud(view: ObjectView) -> ViewCloud:
+    """Of a sampled view."""
+    rays, T_world_camera = view.rays, view.T_world_camera.matrix()
+    free = ~rays.hit & (rays.end > rays.depth)
+    p_free = transformed(T_world_camera, rays.directions_camera[free] * rays.depth[free, None])
+    return ViewCloud(view.points_world, p_free, T_world_camera[:3, 3])
+
+
+def cloud(
+    views: Sequence[ViewCloud],
+    up_world: Float[np.ndarray, "3"],
+    floor: float | None,
+    unit: float,
+    surface: int,
+    free: int,
+    rng: Generator,
+) -> Cloud:
+    """So many points on the surface and in free space, in the box' frame and in `unit` metres.
+
+    `floor` is its height along `up_world`, metres; an object near above it stands on it. Views must see at least 3 points.
+    """
+    p_surface = np.concatenate([view.surface for view in views])
+    p_free = np.concatenate([view.free for view in views])
+    eyes = [np.concatenate([np.broadcast_to(v.eye, p.shape) for v, p in pairs]) for pairs in (
+        [(view, view.surface) for view in views], [(view, view.free) for view in views]
+    )]  # fmt: skip
+    box = gravity_box(p_surface, up_world, smallest_heading(p_surface, up_world), floor)
+    parts = []
+    for points, eye, count, is_free in ((p_surface, eyes[0], surface, 0.0), (p_free, eyes[1], free, 1.0)):
+        if not len(points):  # nothing free is seen: what is seen is said again
+            points, eye, is_free = p_surface, eyes[0], 0.0
+        some = rng.choice(len(points), count, replace=len(points) < count)
+        at = (points[some] - box.centre_world) @ box.R_world_object / unit
+        along = (points[some] - eye[some]) @ box.R_world_object
+        along = along / np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-9)
+        height = at[:, 1:2] + box.size[1] / (2 * unit)
+        parts.append(np.concatenate([at, along, height, np.full((count, 1), is_free)], axis=1))
+    return Cloud(np.concatenate(parts).astype(np.float32), box)

@@ -1,0 +1,206 @@
+"""Rendered views of a prior's shapes, drawn by several processes and kept: what a first guess is trained on."""
+
+import os
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from functools import partial
+from multiprocessing import get_context
+from pathlib import Path
+
+import numpy as np
+import torch
+import trimesh
+from jaxtyping import Float
+from numpy.random import Generator
+from safetensors import SafetensorError
+from safetensors.numpy import load_file, save_file
+
+from objgraph.errors import SolveError
+from objgraph.observation.clouds import ViewCloud, cloud, view_cloud
+from objgraph.priors.first_guess import QUARTERS, FirstGuessConfig, place_in_quarter
+from objgraph.priors.mesh import extract_mesh
+from objgraph.priors.shape_prior import ShapePrior
+from objgraph.training.guess_scenes import UP, VIEWS, SceneConfig, SeenObject, draw_seen
+
+_SURFACE, _FREE = 200, 100
+"""Points kept of a view."""
+_ALIKE = 0.01
+"""Mean distance of a shape from itself turned, in its diagonals, at which the turn is about as good."""
+_MESH_RESOLUTION = 56
+
+
+@dataclass(frozen=True)
+class Shape:
+    """A shape to render."""
+
+    name: str
+    extents: Float[np.ndarray, "3"]
+    """Edges of its box, whose diagonal is 1."""
+    code: Float[np.ndarray, "l"] | None = None
+    mesh: trimesh.Trimesh | None = None
+    """In its own proportions; without one it is what the prior makes of the code."""
+
+    def in_prior(self, prior: ShapePrior) -> trimesh.Trimesh:
+        """Its mesh in the prior's canonical frame. Raises SolveError where the code has no surface."""
+        if self.mesh is None:
+            assert self.code is not None
+            return extract_mesh(prior.decoder, self.code, _MESH_RESOLUTION)
+        box = self.extents if prior.box is None else prior.box
+        stretch = box / self.mesh.extents
+        return trimesh.Trimesh(self.mesh.vertices * stretch, self.mesh.faces, process=False)
+
+
+@dataclass(frozen=True)
+class Draws:
+    """What was seen of some objects, each in three views at most."""
+
+    surface: Float[np.ndarray, "n v p 3"]
+    free: Float[np.ndarray, "n v q 3"]
+    eye: Float[np.ndarray, "n v 3"]
+    views: np.ndarray
+    """How many each has."""
+    floor: Float[np.ndarray, "n"]
+    T_world_object: Float[np.ndarray, "n 4 4"]
+    log_scale: Float[np.ndarray, "n 3"]
+    turned: Float[np.ndarray, "n 4"]
+    """Mean distance of each from itself by quarter turns, in its diagonals."""
+    shape: np.ndarray
+    """Which shape it is of."""
+
+    def __len__(self) -> int:
+        return len(self.views)
+
+
+@dataclass(frozen=True)
+class Batch:
+    """What the network is given, and what it should say."""
+
+    points: torch.Tensor
+    size: torch.Tensor
+    weight: Float[torch.Tensor, "b 4"]
+    """How good each heading is; sums to one."""
+    place: Float[torch.Tensor, "b 4 7"]
+    """Heading, centre and log-scale in the frame of each quarter."""
+    shape: np.ndarray
+
+
+def draw_all(
+    shapes: Sequence[Shape],
+    prior: ShapePrior,
+    each: int,
+    config: SceneConfig,
+    seed: int,
+    cache: Path,
+    jobs: int = 1,
+    progress: Callable[[int, int], None] | None = None,
+) -> Draws:
+    """Draw `each` scenes of every shape, or read them back; shapes without a surface are left out."""
+    cache.mkdir(parents=True, exist_ok=True)
+    work = partial(_drawn, prior=prior, each=each, config=config, seed=seed, cache=cache)
+    parts: list[dict[str, np.ndarray]] = []
+    with get_context("fork").Pool(jobs, initializer=torch.set_num_threads, initargs=(1,)) as pool:
+        for i, part in enumerate(pool.imap(work, enumerate(shapes), chunksize=4)):
+            if part:
+                count = len(part["views"])
+                parts.append({**part, "shape": np.full(count, i)})
+            if progress is not None:
+                progress(i + 1, len(shapes))
+    return Draws(**{key: np.concatenate([part[key] for part in parts]) for key in parts[0]})
+
+
+def batch(
+    draws: Draws,
+    rows: Sequence[int],
+    unit: float,
+    config: FirstGuessConfig,
+    rng: Generator,
+    views: int | None = None,
+) -> Batch:
+    """Clouds of some draws, of one to three of their views each unless it is said of how many."""
+    points, sizes, weights, places = [], [], [], []
+    for i in rows:
+        count = min(int(draws.views[i]), views or int(rng.integers(1, VIEWS + 1)))
+        some = rng.permutation(int(draws.views[i]))[:count] if views is None else range(count)
+        seen = [
+            ViewCloud(*(array[i, k].astype(float) for array in (draws.surface, draws.free, draws.eye)))
+            for k in some
+        ]
+        made = cloud(seen, UP, float(draws.floor[i]), unit, config.surface, config.free, rng)
+        quarter, place = place_in_quarter(made.box, unit, draws.T_world_object[i], draws.log_scale[i])
+        weight = np.exp(-((draws.turned[i] / _ALIKE) ** 2))
+        points.append(made.points)
+        sizes.append(made.box.size / unit)
+        weights.append(np.roll(weight / weight.sum(), quarter))
+        places.append(np.roll([_seen_turned(place, k) for k in range(QUARTERS)], quarter, axis=0))
+    arrays = (torch.from_numpy(np.array(each, np.float32)) for each in (points, sizes, weights, places))
+    clouds, edges, good, wanted = arrays
+    return Batch(clouds, edges, good, wanted, draws.shape[list(rows)])
+
+
+def _seen_turned(place: Float[np.ndarray, "7"], quarters: int) -> Float[np.ndarray, "7"]:
+    """The same box with its own axes turned by so many quarters."""
+    heading, x, y, z, sx, sy, sz = place
+    for _ in range(quarters):
+        x, z, sx, sz = -z, x, sz, sx
+    return np.array([heading, x, y, z, sx, sy, sz])
+
+
+def _drawn(
+    numbered: tuple[int, Shape], prior: ShapePrior, each: int, config: SceneConfig, seed: int, cache: Path
+) -> dict[str, np.ndarray]:
+    """All draws of one shape; nothing where it has no surface."""
+    number, shape = numbered
+    path = cache / f"{number:05d}.safetensors"
+    with suppress(SafetensorError, FileNotFoundError):
+        return load_file(path)
+    try:
+        mesh = shape.in_prior(prior)
+    except SolveError:
+        return {}
+    rng = np.random.default_rng([seed, number])
+    seen = [draw_seen(mesh, shape.extents, prior, config, rng) for _ in range(each)]
+    rows = [_row(one, mesh, rng) for one in seen if one is not None]
+    if not rows:
+        return {}
+    part = {key: np.stack([row[key] for row in rows]) for key in rows[0]}
+    temporary = path.with_suffix(f".{os.getpid()}.tmp")
+    save_file(part, temporary)
+    os.replace(temporary, path)
+    return part
+
+
+def _row(seen: SeenObject, mesh: trimesh.Trimesh, rng: Generator) -> dict[str, np.ndarray]:
+    views = [view_cloud(view) for view in seen.views]
+    surface, free, eye = (np.zeros((VIEWS, n, 3), np.float16) for n in (_SURFACE, _FREE, 1))
+    for k, view in enumerate(views):
+        for array, points in ((surface, view.surface), (free, view.free)):
+            points = points if len(points) else view.surface
+            array[k] = points[rng.choice(len(points), array.shape[1], replace=len(points) < array.shape[1])]
+        eye[k] = view.eye
+    return {
+        "surface": surface, "free": free, "eye": eye[:, 0], "views": np.array(len(views)),
+        "floor": np.array(seen.floor), "T_world_object": seen.T_world_object,
+        "log_scale": np.log(seen.scale), "turned": turn_distances(mesh, seen.scale),
+    }  # fmt: skip
+
+
+def turn_distances(mesh: trimesh.Trimesh, scale: Float[np.ndarray, "3"]) -> Float[np.ndarray, "4"]:
+    """Mean distance of a shape's surface from itself turned by quarters about y, in its diagonals."""
+    import open3d as o3d
+
+    vertices = np.asarray(mesh.vertices) * scale
+    diagonal = float(np.linalg.norm(np.ptp(vertices, axis=0)))
+    scene = o3d.t.geometry.RaycastingScene(nthreads=1)
+    scene.add_triangles(vertices.astype(np.float32), np.asarray(mesh.faces, np.uint32))
+    points = trimesh.sample.sample_surface(trimesh.Trimesh(vertices, mesh.faces, process=False), 600, seed=0)[
+        0
+    ]
+    distances = []
+    for k in range(QUARTERS):
+        x, y, z = points.T
+        for _ in range(k):
+            x, z = z, -x
+        turned = np.stack([x, y, z], axis=1).astype(np.float32)
+        distances.append(float(scene.compute_distance(o3d.core.Tensor(turned)).numpy().mean()) / diagonal)
+    return np.array(distances)

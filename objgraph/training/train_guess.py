@@ -1,0 +1,167 @@
+"""Train a first guess on rendered views, and measure one on shapes that it was not trained on."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from objgraph.errors import PriorError
+from objgraph.priors.first_guess import PLACE, FirstGuess, FirstGuessConfig, Guesses
+from objgraph.priors.tensors import load_tensors, save_tensors
+from objgraph.training.guess_data import Batch, Draws, batch
+
+
+@dataclass(frozen=True)
+class TrainGuessConfig:
+    """How it is trained."""
+
+    network: FirstGuessConfig = field(default_factory=FirstGuessConfig)
+    steps: int = 8000
+    batch: int = 64
+    """Objects a step."""
+    learning_rate: float = 1e-3
+    """Of Adam; it falls to nothing along a cosine."""
+    code_weight: float = 0.1
+    """Of a code's log-likelihood beside that of place and heading: it has many numbers, of which most say little."""
+    half_precision: bool = True
+    """Whether layers are multiplied in bfloat16."""
+    seed: int = 0
+    checkpoint_every: int = 500
+
+
+def loss(
+    guesses: Guesses, wanted: Batch, codes: Float[Tensor, "b l"], code_weight: float
+) -> Float[Tensor, ""]:
+    """Negative log-likelihood of headings, and of place and code at those that are right."""
+    heading = -(wanted.weight * guesses.log_probability).sum(dim=1)
+    code = codes[:, None].expand(-1, wanted.weight.shape[1], -1)
+    off = (torch.cat([wanted.place, code], dim=-1) - guesses.mean) * torch.exp(-guesses.log_sigma)
+    nll = 0.5 * off.square() + guesses.log_sigma
+    each = nll[..., :PLACE].sum(dim=-1) + code_weight * nll[..., PLACE:].sum(dim=-1)
+    return (heading + (wanted.weight * each).sum(dim=1)).mean()
+
+
+def train_guess(
+    draws: Draws,
+    codes: Float[np.ndarray, "s l"],
+    unit: float,
+    config: TrainGuessConfig,
+    checkpoint: Path | None = None,
+    progress: Callable[[int, int, float], None] | None = None,
+    stop_after: int | None = None,
+) -> FirstGuess:
+    """Train on draws of shapes with these codes; goes on from the checkpoint where there is one.
+
+    Raises:
+        PriorError: the checkpoint is not of this configuration.
+    """
+    torch.manual_seed(config.seed)
+    network = FirstGuess(config.network)
+    optimizer = torch.optim.Adam(network.parameters(), lr=config.learning_rate, fused=True)
+    average = {name: value.clone() for name, value in network.state_dict().items()}
+    first = _resume(checkpoint, config, network, optimizer, average)
+    mean_loss = 0.0
+    for step in range(first, config.steps if stop_after is None else min(config.steps, stop_after)):
+        rng = np.random.default_rng([config.seed, step])
+        optimizer.param_groups[0]["lr"] = (
+            config.learning_rate
+            * min(1.0, (step + 1) / 200)
+            * 0.5
+            * (1 + np.cos(np.pi * step / config.steps))
+        )
+        wanted = batch(draws, rng.integers(len(draws), size=config.batch).tolist(), unit, config.network, rng)
+        with torch.autocast("cpu", dtype=torch.bfloat16, enabled=config.half_precision):
+            guesses = network(wanted.points, wanted.size)
+        value = loss(guesses, wanted, torch.from_numpy(codes[wanted.shape]).float(), config.code_weight)
+        optimizer.zero_grad(set_to_none=True)
+        value.backward()
+        torch.nn.utils.clip_grad_norm_(network.parameters(), 10.0)
+        optimizer.step()
+        decay = min(0.998, (step + 1) / (step + 10))
+        for name, tensor in network.state_dict().items():
+            average[name].lerp_(tensor, 1 - decay)
+        mean_loss += (value.item() - mean_loss) / min(step - first + 1, 200)
+        if progress is not None:
+            progress(step + 1, config.steps, mean_loss)
+        if checkpoint is not None and (step + 1) % config.checkpoint_every == 0:
+            _save(checkpoint, config, step + 1, network, optimizer, average)
+    network.load_state_dict(average)
+    return network.requires_grad_(False).eval()
+
+
+@dataclass(frozen=True)
+class GuessQuality:
+    """On objects that the network did not see."""
+
+    heading_right: float
+    """Share whose likeliest heading is within 20 degrees of one that is right."""
+    heading_nll: float
+    """Mean negative log-probability of the quarters that are right, nats."""
+    centre_m: float
+    """Median distance of the likeliest heading's centre from the true one, metres."""
+    log_scale: float
+    """Median, over objects, of the root mean square error of the scale's logarithm."""
+    confidence: Float[np.ndarray, "n"]
+    """Probability of each object's likeliest quarter."""
+    right: np.ndarray
+    """Whether it is right."""
+
+
+@torch.no_grad()
+def measure_guess(
+    network: FirstGuess, draws: Draws, unit: float, views: int, seed: int = 0, limit_deg: float = 20.0
+) -> GuessQuality:
+    """Of objects with that many views."""
+    rng = np.random.default_rng(seed)
+    rows = [i for i in range(len(draws)) if draws.views[i] >= views]
+    wanted = batch(draws, rows, unit, network.config, rng, views)
+    guesses = network(wanted.points, wanted.size)
+    best = guesses.log_probability.argmax(dim=1)
+    each = torch.arange(len(best))
+    good = wanted.weight / wanted.weight.amax(dim=1, keepdim=True) > 0.5
+    off = (guesses.mean[..., :PLACE] - wanted.place)[each, best]
+    # within a quarter of another quarter's: headings go on over the border
+    headings = guesses.mean[each, best, 0] + best * torch.pi / 2
+    true = wanted.place[..., 0] + torch.arange(wanted.place.shape[1]) * torch.pi / 2
+    away = torch.remainder(headings[:, None] - true + torch.pi, 2 * torch.pi) - torch.pi
+    right = ((away.abs() < np.radians(limit_deg)) & good).any(dim=1).numpy()
+    mass = torch.where(good, guesses.log_probability.exp(), 0.0).sum(dim=1)
+    return GuessQuality(
+        float(right.mean()),
+        float(-mass.clamp(min=1e-6).log().mean()),
+        float(off[:, 1:4].norm(dim=1).median()) * unit,
+        float(off[:, 4:7].square().mean(dim=1).sqrt().median()),
+        guesses.log_probability[each, best].exp().numpy(),
+        right,
+    )
+
+
+def _save(path, config, step, network, optimizer, average) -> None:
+    tensors = {f"weight/{k}": v for k, v in network.state_dict().items()}
+    tensors |= {f"average/{k}": v for k, v in average.items()}
+    for i, state in optimizer.state_dict()["state"].items():
+        tensors |= {f"adam/{i}/{key}": value for key, value in state.items()}
+    save_tensors(tensors, {"step": step, "config": repr(config)}, path)
+
+
+def _resume(path, config, network, optimizer, average) -> int:
+    if path is None or not path.is_file():
+        return 0
+    tensors, header = load_tensors(path)
+    if header.get("config") != repr(config):
+        raise PriorError(f"{path} is of another training of a first guess; remove it or give another file")
+    network.load_state_dict(
+        {k.removeprefix("weight/"): v for k, v in tensors.items() if k.startswith("weight/")}
+    )
+    average.update({k.removeprefix("average/"): v for k, v in tensors.items() if k.startswith("average/")})
+    state = optimizer.state_dict()
+    for key, value in tensors.items():
+        if key.startswith("adam/"):
+            _, i, name = key.split("/")
+            state["state"].setdefault(int(i), {})[name] = value
+    optimizer.load_state_dict(state)
+    return int(header["step"])
