@@ -54,7 +54,8 @@ def _filled(solid: Solid) -> Solid:
     slope = 1.0 + (_BALL + 2 * h) / (np.sqrt(3) * h)
     grid = field_grid(lambda p: distance(p).astype(float), RESOLUTION, _BOUND, slope=slope)
     # where the ball's middle can come to from outside: cavities are filled too
-    regions = ndimage.label(grid >= _BALL)[0]  # pyright: ignore[reportGeneralTypeIssues]
+    regions = np.empty(grid.shape, np.int32)
+    ndimage.label(grid >= _BALL, output=regions)
     reached = regions != regions[0, 0, 0]
     if not (reached & (grid > _BENEATH)).any():
         return solid
