@@ -8,7 +8,6 @@ from jaxtyping import Bool, Float
 from numpy.random import Generator
 from scipy.spatial import cKDTree
 
-from objgraph.datasets.ground_truth import GroundTruth
 from objgraph.geometry.frames import transformed
 from objgraph.observation.frames import Frame
 from objgraph.synthetic.camera import CameraConfig, Pose, camera_matrix, intrinsics
@@ -51,9 +50,8 @@ class DarkPlaces:
         return cKDTree(self.p_world).query(p_world, distance_upper_bound=_SPOT_M)[0] < _SPOT_M
 
 
-def dark_places(truth: GroundTruth, share: float, rng: Generator) -> DarkPlaces:
-    """Spots on an object that cover about a share of its surface."""
-    surface = transformed(truth.T_world_object, truth.scale * truth.vertices)[truth.faces]
+def dark_places(surface: Float[np.ndarray, "f 3 3"], share: float, rng: Generator) -> DarkPlaces:
+    """Spots on an object, given by its triangles in the world, that cover about a share of its surface."""
     edges = surface[:, 1:] - surface[:, :1]
     area = 0.5 * np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1)
     faces = rng.choice(len(surface), 2000, p=area / area.sum())

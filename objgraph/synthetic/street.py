@@ -18,9 +18,9 @@ from jaxtyping import Float
 from matplotlib.colors import hsv_to_rgb
 
 from objgraph.atomic_folder import ensure_folder
+from objgraph.families import FAMILIES
 from objgraph.geometry.frames import transformed
 from objgraph.observation.lidar.kitti_box import KittiBox
-from objgraph.training.families import FAMILIES
 
 _RECORD = "street.json"
 _VERSION = 1  # raised when the same configuration begins to give other files

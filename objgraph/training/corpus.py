@@ -13,7 +13,7 @@ import numpy as np
 import trimesh
 
 from objgraph.errors import PriorError
-from objgraph.training.families import FAMILIES, draw
+from objgraph.families import FAMILIES, draw
 from objgraph.training.index import HELDOUT_SHARE, CadMesh, heldout_groups, read_index
 from objgraph.training.joined import joined
 from objgraph.training.mesh_files import canonical, read_mesh

@@ -12,7 +12,6 @@ from jaxtyping import Float
 from numpy.random import Generator
 
 from factors.priors import scale_covariance
-from objgraph.datasets.ground_truth import GroundTruth
 from objgraph.errors import ObservationError
 from objgraph.geometry.frames import look_at, upright_axes
 from objgraph.observation.sampling import ObjectView, SamplingConfig, observe
@@ -93,8 +92,7 @@ def draw_seen(
         away = -_level(bearing + rng.uniform(-1.2, 1.2))
         shell.append(_slab((0.1, 8.0, 2.6), (*(away * (reach * rng.uniform(0.75, 1.6) + 0.05)), 1.3), away))
     renderer = Renderer([target, *things], shell, rng)
-    truth = GroundTruth(T_world_object, scale, np.asarray(mesh.vertices), np.asarray(mesh.faces), 1)
-    dark = dark_places(truth, faults.holes, rng)
+    dark = dark_places(target.p_world[mesh.faces], faults.holes, rng)
     views = []
     for k, pose in enumerate(_cameras(half, reach, bearing, faults, rng)):
         seen = photograph(renderer, pose, 0.0, dark, _TARGET, faults, SensorConfig(), str(k), rng)

@@ -11,10 +11,10 @@ import tyro
 from jaxtyping import Float
 from PIL import Image
 
+from objgraph.families import FAMILIES
 from objgraph.geometry.frames import look_at
 from objgraph.observation.frames import Intrinsics
 from objgraph.show import raster
-from objgraph.training.families import FAMILIES
 
 _OVERSAMPLING = 2
 _DISTANCE = 4.0

@@ -12,13 +12,13 @@ from jaxtyping import Float
 from matplotlib.figure import Figure
 
 from objgraph.bench.pictures.contact_sheet import draw_mesh
+from objgraph.families import draw
 from objgraph.priors.mesh import extract_mesh
 from objgraph.priors.registry import load_prior
 from objgraph.priors.shape_prior import ShapePrior
 from objgraph.show import figure
 from objgraph.synthetic.furniture import FAMILIES, make_furniture
 from objgraph.training.code_search import sample_rows, search
-from objgraph.training.families import draw
 from objgraph.training.samples import SampleConfig, sample_solid
 from objgraph.training.solid import Solid
 from objgraph.training.stretch import multiplied, to_decoder

@@ -15,6 +15,7 @@ from objgraph.bench.worlds.meshes import CadShape, ShapeSet, choose_shapes, mesh
 from objgraph.bench.worlds.viewpoints import VIEWS, Scene, Spacing, can_hold, draw_scene
 from objgraph.datasets.ground_truth import AnnotatedScan, GroundTruth
 from objgraph.errors import DatasetError
+from objgraph.geometry.frames import transformed
 from objgraph.observation.frames import Frame, FrameSource, Instance
 from objgraph.synthetic.camera import CameraConfig, Pose, camera_matrix, intrinsics
 from objgraph.synthetic.faults import Difficulty, FaultRanges, Faults, ranges_of
@@ -104,14 +105,16 @@ class Case:
         cameras = world.scene.cameras[self.spacing]
         # each frame has its own noise, so that the first is the same for either spacing
         noise = world.noise.spawn(VIEWS)
-        truth = {self.instance.id: world.truth}
+        by_id = {self.instance.id: world.truth}
         if self.faults is None:
             frames = [
                 world.frame(gtsam.Pose3(_raised(pose, world.floor)), str(k), rng)
                 for k, (pose, rng) in enumerate(zip(cameras, noise, strict=True))
             ]
-            return AnnotatedScan(self.id, _Frames(frames), (self.instance,), UP, truth)
-        dark = dark_places(world.truth, self.faults.holes, world.noise)
+            return AnnotatedScan(self.id, _Frames(frames), (self.instance,), UP, by_id)
+        truth = world.truth
+        surface = transformed(truth.T_world_object, truth.scale * truth.vertices)[truth.faces]
+        dark = dark_places(surface, self.faults.holes, world.noise)
         photographs = [
             photograph(
                 world.renderer,
@@ -132,7 +135,7 @@ class Case:
             **{name: [getattr(each, name) for each in photographs] for name in MEASURED},
         }
         frames = [each.frame for each in photographs]
-        return AnnotatedScan(self.id, _Frames(frames), (self.instance,), UP, truth, conditions)
+        return AnnotatedScan(self.id, _Frames(frames), (self.instance,), UP, by_id, conditions)
 
     def world(self) -> "World":
         """The room itself, to be seen from anywhere: always the same. Raises as `scan` does."""

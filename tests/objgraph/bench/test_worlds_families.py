@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from objgraph.bench.worlds.boards import half_round, lathe, ring, smooth, strip
 from objgraph.bench.worlds.families import FAMILIES, make_piece
 from objgraph.bench.worlds.meshes import symmetry_of
+from objgraph.families import FAMILIES as TRAINED
 from objgraph.synthetic.furniture import FAMILIES as SAMPLE
-from objgraph.training.families import FAMILIES as TRAINED
 
 ALL: list[tuple[Any, str]] = [
     (category, family) for category, families in FAMILIES.items() for family in families

@@ -8,8 +8,8 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
 from objgraph.errors import PriorError
-from objgraph.training.families import FAMILIES
-from objgraph.training.families.parts import box, rod
+from objgraph.families import FAMILIES
+from objgraph.families.parts import box, rod
 from objgraph.training.solid import Shell, Solid, SolidDistance, check_sign, solidify
 from objgraph.training.swaps import find_cut, swap, swappable
 

@@ -4,10 +4,10 @@ import numpy as np
 import trimesh
 from numpy.random import Generator
 
-from objgraph.training.families.desks import drawers
-from objgraph.training.families.occasional import rimmed
-from objgraph.training.families.parts import box, canonical, lathe, mirrored, rod
-from objgraph.training.families.supports import corner_legs, floor_reach, plate, rails
+from objgraph.families.desks import drawers
+from objgraph.families.occasional import rimmed
+from objgraph.families.parts import box, canonical, lathe, mirrored, rod
+from objgraph.families.supports import corner_legs, floor_reach, plate, rails
 
 Parts = list[trimesh.Trimesh]
 

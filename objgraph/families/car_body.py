@@ -6,7 +6,7 @@ import numpy as np
 import trimesh
 from jaxtyping import Float
 
-from objgraph.training.families.parts import loft, mirrored, outline
+from objgraph.families.parts import loft, mirrored, outline
 
 _THIN = 0.06
 """Least metal above a wheel arch, metres."""

@@ -4,8 +4,8 @@ import numpy as np
 import trimesh
 from numpy.random import Generator
 
-from objgraph.training.families.parts import box, canonical, mirrored, outline, ring_path, rod, slab, tube
-from objgraph.training.families.supports import corner_legs, sled
+from objgraph.families.parts import box, canonical, mirrored, outline, ring_path, rod, slab, tube
+from objgraph.families.supports import corner_legs, sled
 
 Parts = list[trimesh.Trimesh]
 

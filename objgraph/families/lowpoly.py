@@ -4,8 +4,8 @@ import numpy as np
 import trimesh
 from numpy.random import Generator
 
-from objgraph.training.families.parts import box, canonical, mirrored, moved, outline, rod, slab
-from objgraph.training.families.supports import column, corner_legs, floor_reach, rails
+from objgraph.families.parts import box, canonical, mirrored, moved, outline, rod, slab
+from objgraph.families.supports import column, corner_legs, floor_reach, rails
 
 Parts = list[trimesh.Trimesh]
 

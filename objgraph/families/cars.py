@@ -5,10 +5,10 @@ from collections.abc import Callable
 import trimesh
 from numpy.random import Generator
 
-from objgraph.training.families import car_parts
-from objgraph.training.families.car_body import CarShape, body
-from objgraph.training.families.car_styles import draw_shape
-from objgraph.training.families.parts import canonical
+from objgraph.families import car_parts
+from objgraph.families.car_body import CarShape, body
+from objgraph.families.car_styles import draw_shape
+from objgraph.families.parts import canonical
 
 Extra = Callable[[Generator, CarShape], list[trimesh.Trimesh]]
 

@@ -6,7 +6,7 @@ import trimesh
 from numpy.testing import assert_allclose
 from numpy.typing import NDArray
 
-from objgraph.training.families import FAMILIES, draw
+from objgraph.families import FAMILIES, draw
 
 ALL = [(category, name) for category, families in FAMILIES.items() for name in families]
 WITH_BACK = [

@@ -4,8 +4,8 @@ import numpy as np
 import trimesh
 from numpy.random import Generator
 
-from objgraph.training.families.backs import backrest
-from objgraph.training.families.parts import box, canonical, mirrored, outline, panel, rod, slab
+from objgraph.families.backs import backrest
+from objgraph.families.parts import box, canonical, mirrored, outline, panel, rod, slab
 
 Parts = list[trimesh.Trimesh]
 

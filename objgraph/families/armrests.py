@@ -3,7 +3,7 @@
 import trimesh
 from numpy.random import Generator
 
-from objgraph.training.families.parts import mirrored, outline, rod, slab, smooth_path, tube
+from objgraph.families.parts import mirrored, outline, rod, slab, smooth_path, tube
 
 Parts = list[trimesh.Trimesh]
 

@@ -5,8 +5,8 @@ import trimesh
 from jaxtyping import Float
 from numpy.random import Generator
 
-from objgraph.training.families.armrests import armrests
-from objgraph.training.families.parts import (
+from objgraph.families.armrests import armrests
+from objgraph.families.parts import (
     box,
     canonical,
     lathe,

@@ -5,7 +5,7 @@ import trimesh
 from jaxtyping import Float
 from numpy.random import Generator
 
-from objgraph.training.families.parts import (
+from objgraph.families.parts import (
     box,
     canonical,
     mirrored,
@@ -16,7 +16,7 @@ from objgraph.training.families.parts import (
     smooth_path,
     tube,
 )
-from objgraph.training.families.supports import column, corner_legs, floor_reach, rails
+from objgraph.families.supports import column, corner_legs, floor_reach, rails
 
 Parts = list[trimesh.Trimesh]
 

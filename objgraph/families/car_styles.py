@@ -4,7 +4,7 @@ from dataclasses import fields
 
 from numpy.random import Generator
 
-from objgraph.training.families.car_body import CarShape
+from objgraph.families.car_body import CarShape
 
 Range = tuple[float, float]
 

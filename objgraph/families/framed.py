@@ -4,9 +4,9 @@ import numpy as np
 import trimesh
 from numpy.random import Generator
 
-from objgraph.training.families.armrests import armrests
-from objgraph.training.families.backs import backrest
-from objgraph.training.families.parts import (
+from objgraph.families.armrests import armrests
+from objgraph.families.backs import backrest
+from objgraph.families.parts import (
     box,
     canonical,
     lathe,

@@ -4,7 +4,7 @@ import numpy as np
 import trimesh
 from numpy.random import Generator
 
-from objgraph.training.families.parts import box, canonical, lathe, outline, rod, slab, tube
+from objgraph.families.parts import box, canonical, lathe, outline, rod, slab, tube
 
 Parts = list[trimesh.Trimesh]
 

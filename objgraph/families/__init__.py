@@ -9,7 +9,7 @@ from collections.abc import Callable
 import trimesh
 from numpy.random import PCG64, Generator, SeedSequence
 
-from objgraph.training.families import (
+from objgraph.families import (
     cars,
     conference,
     desks,

@@ -4,8 +4,8 @@ import numpy as np
 import trimesh
 from numpy.random import Generator
 
-from objgraph.training.families.car_body import CarShape, half_width, top_profile
-from objgraph.training.families.parts import box, loft, mirrored, outline, rod, slab, smooth_path, tube
+from objgraph.families.car_body import CarShape, half_width, top_profile
+from objgraph.families.parts import box, loft, mirrored, outline, rod, slab, smooth_path, tube
 
 Parts = list[trimesh.Trimesh]
 

@@ -4,8 +4,8 @@ import numpy as np
 import trimesh
 from numpy.random import Generator
 
-from objgraph.training.families.parts import box, canonical, outline, rod, slab
-from objgraph.training.families.tables import aprons
+from objgraph.families.parts import box, canonical, outline, rod, slab
+from objgraph.families.tables import aprons
 
 Parts = list[trimesh.Trimesh]
 

@@ -4,8 +4,8 @@ import numpy as np
 import trimesh
 from numpy.random import Generator
 
-from objgraph.training.families.parts import box, canonical, mirrored, outline, rod, slab
-from objgraph.training.families.supports import corner_legs, rails, sled
+from objgraph.families.parts import box, canonical, mirrored, outline, rod, slab
+from objgraph.families.supports import corner_legs, rails, sled
 
 Parts = list[trimesh.Trimesh]
 

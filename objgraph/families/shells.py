@@ -5,8 +5,8 @@ import trimesh
 from jaxtyping import Float
 from numpy.random import Generator
 
-from objgraph.training.families.parts import canonical, loft, mirrored, ring_path, rod, smooth_path, tube
-from objgraph.training.families.supports import cantilever, column, corner_legs, rails, sled
+from objgraph.families.parts import canonical, loft, mirrored, ring_path, rod, smooth_path, tube
+from objgraph.families.supports import cantilever, column, corner_legs, rails, sled
 
 Parts = list[trimesh.Trimesh]
 

@@ -3,8 +3,8 @@
 import trimesh
 from numpy.random import Generator
 
-from objgraph.training.families.parts import box, canonical, mirrored, rod
-from objgraph.training.families.tables import top_plate
+from objgraph.families.parts import box, canonical, mirrored, rod
+from objgraph.families.tables import top_plate
 
 Parts = list[trimesh.Trimesh]
 

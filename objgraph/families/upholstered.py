@@ -4,8 +4,8 @@ import numpy as np
 import trimesh
 from numpy.random import Generator
 
-from objgraph.training.families.legged import four_legs
-from objgraph.training.families.parts import (
+from objgraph.families.legged import four_legs
+from objgraph.families.parts import (
     canonical,
     lathe,
     loft,

@@ -4,7 +4,7 @@ import numpy as np
 import trimesh
 from numpy.random import Generator
 
-from objgraph.training.families.parts import box, canonical, mirrored, outline, rod, slab, smooth_path, tube
+from objgraph.families.parts import box, canonical, mirrored, outline, rod, slab, smooth_path, tube
 
 Parts = list[trimesh.Trimesh]
 
