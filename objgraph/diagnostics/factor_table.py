@@ -35,7 +35,8 @@ def observation_names(
     GTSAM calls them all CustomFactor. `slots` are the object's factors by index, `factors` those of them that use a
     decoder, in the same order (`ObjectHandle.slots` and `.factors`).
     """
-    indices = sorted(i for i, factor in slots.items() if isinstance(factor, gtsam.CustomFactor))
+    custom = {i: factor for i, factor in slots.items() if isinstance(factor, gtsam.CustomFactor)}
+    indices = sorted(i for i, factor in custom.items() if factor.size() > 1)  # not the mixture of codes
     return {i: f"{type(factor).__name__} of {owner}" for i, factor in zip(indices, factors, strict=True)}
 
 

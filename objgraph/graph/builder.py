@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from factors.base import ObservationFactor
+from factors.code_mixture import code_mixture
 from factors.depth import DepthFactor, RaySampling
 from factors.filled_box import FilledBoxFactor
 from factors.floor import SPACING, FloorFactor, floor_share
@@ -98,8 +99,11 @@ class ObjectBuilder:
     ) -> list[gtsam.NonlinearFactor]:
         """What is known of code and scale, of the lean where up is known, and what a detector's box says."""
         anisotropy = prior.anisotropy_sigma or self.config.anisotropy_sigma
+        spread = self.config.code_spread**2 * np.asarray(prior.code_covariance)
         factors = [
-            code_prior(keys, prior.code_mean, self.config.code_spread**2 * prior.code_covariance),
+            code_prior(keys, prior.code_mean, spread)
+            if prior.code_means is None
+            else code_mixture(keys, prior.code_means, spread),
             scale_prior(keys, np.log(prior.size_mean), prior.size_log_sigma, anisotropy),
         ]
         if self.up_world is not None:

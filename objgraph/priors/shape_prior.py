@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 from jaxtyping import Float
+from numpy.random import Generator
 
 from factors.rays import BOX_HALF_SIZE
 from factors.sdf_decoder import SdfDecoder
@@ -30,8 +31,9 @@ class ShapePrior:
     category: str
     decoder: SdfDecoder
     code_mean: Float[np.ndarray, "l"]
+    """Of the training codes."""
     code_covariance: Float[np.ndarray, "l l"]
-    """Empirical covariance of the training codes."""
+    """About that mean, or about each of `code_means`."""
     residual_sigma: float
     """Standard deviation of the decoder's SDF error near unseen surfaces, in canonical units."""
     size_mean: float
@@ -40,6 +42,8 @@ class ShapePrior:
     """Standard deviation of the logarithm of that diagonal."""
     card: dict[str, Any] = field(default_factory=dict)
     """The model card: data, licences, frame, training settings, measured errors, hash."""
+    code_means: Float[np.ndarray, "k l"] | None = None
+    """Means of the equally likely Gaussians that codes come from; None where it is one, about `code_mean`."""
     prototypes: Float[np.ndarray, "k l"] | None = None
     """Codes of typical training shapes that differ: where a fit may start beside the mean."""
     anisotropy_sigma: float | None = None
@@ -74,6 +78,16 @@ class ShapePrior:
         """Half the edges of the canonical box to look for an object's surface in: a cube that holds any shape or, where
         `tight` and all shapes fill one box, that one and some more."""
         return _LOOSE * self.box / 2 if tight and self.box is not None else BOX_HALF_SIZE
+
+    def draw_codes(self, count: int, rng: Generator, within: float | None = None) -> Float[np.ndarray, "n l"]:
+        """Random codes, none beyond `within` standard deviations along an axis of the covariance if that is given."""
+        variances, axes = np.linalg.eigh(np.asarray(self.code_covariance, float))
+        whitened = rng.normal(size=(count, len(variances)))
+        while within is not None and (beyond := np.abs(whitened) > within).any():
+            whitened[beyond] = rng.normal(size=np.count_nonzero(beyond))
+        means = np.asarray(self.code_mean, float)[None] if self.code_means is None else self.code_means
+        mean = means[rng.integers(len(means), size=count)] if len(means) > 1 else means
+        return mean + whitened * np.sqrt(np.maximum(variances, 0.0)) @ axes.T
 
     @cached_property
     def starts(self) -> Float[np.ndarray, "k l"]:

@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 import torch
 from jaxtyping import Bool, Float, Int
+from scipy.spatial import cKDTree
 
 from factors.sdf_decoder import SdfDecoder
 from objgraph.priors.shape_prior import ShapePrior
@@ -56,9 +57,9 @@ class CodeRows:
 
 
 class CodeGaussian(NamedTuple):
-    """The Gaussian over codes."""
+    """The Gaussian over codes, or several of one covariance."""
 
-    mean: Float[np.ndarray, "l"]
+    means: Float[np.ndarray, "k l"]
     information: Float[np.ndarray, "l l"]
 
     @classmethod
@@ -67,7 +68,16 @@ class CodeGaussian(NamedTuple):
         covariance = np.asarray(prior.code_covariance, float)
         length = len(covariance)
         ridge = 1e-8 * np.trace(covariance) / length
-        return cls(np.asarray(prior.code_mean, float), np.linalg.inv(covariance + ridge * np.eye(length)))
+        means = prior.code_mean[None] if prior.code_means is None else prior.code_means
+        return cls(np.asarray(means, float), np.linalg.inv(covariance + ridge * np.eye(length)))
+
+    def offset(self, codes: Float[np.ndarray, "b l"]) -> Float[np.ndarray, "b l"]:
+        """From the mean that is nearest to each code."""
+        if len(self.means) == 1:
+            return codes - self.means
+        root = np.linalg.cholesky(self.information)
+        _, nearest = cKDTree(self.means @ root).query(codes @ root)
+        return codes - self.means[nearest]
 
 
 class Found(NamedTuple):
@@ -185,7 +195,7 @@ def _linearized(
     # a bound that holds says nothing
     weight = np.where(rows.one_sided & (error == 0), 0.0, weight)
     rho = np.where(size > 1, 2 * size - 1, size**2)
-    offset = codes - gaussian.mean
+    offset = gaussian.offset(codes)
     pull = offset @ gaussian.information
     scaled = jacobian / rows.deviation[:, None]
     gradient = np.einsum("bnl,bn->bl", scaled, weight * error) + pull

@@ -12,7 +12,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextC
 from objgraph.priors.shape_prior import ShapePrior
 from objgraph.priors.store import save_prior
 from objgraph.training.corpus import Corpus, build_corpus
-from objgraph.training.fit import FitError, fit_error, typical_codes
+from objgraph.training.fit import FitError, code_mixture, fit_error, typical_codes
 from objgraph.training.index import CadMesh
 from objgraph.training.samples import SURFACE_POINTS
 from objgraph.training.size import size_statistics
@@ -75,14 +75,15 @@ def _write(config: TrainConfig, corpus: Corpus, trained: Trained) -> Path:
 
 def make_prior(config: TrainConfig, corpus: Corpus, trained: Trained) -> ShapePrior:
     """The prior of a training, with what it does on shapes it has not seen in the card."""
-    length = trained.decoder.code_length
     metric = [entry.size for entry in corpus.used if entry.size is not None]
     size_mean, size_log_sigma, size_source = size_statistics(config.category, metric)
+    mixture = code_mixture(trained.codes, config.components)
     prior = ShapePrior(
         category=config.category,
         decoder=trained.decoder,
-        code_mean=np.zeros(length),
-        code_covariance=np.eye(length),
+        code_mean=mixture.means.mean(axis=0),
+        code_covariance=mixture.covariance,
+        code_means=mixture.means,
         residual_sigma=0.01,
         size_mean=size_mean,
         size_log_sigma=size_log_sigma,

@@ -36,19 +36,6 @@ class RandomCodes:
     seed: int
 
 
-def draw_codes(prior: ShapePrior, count: int, within: float = 2.0, seed: int = 0) -> Float[np.ndarray, "n l"]:
-    """Codes of the prior's Gaussian whose whitened coordinates all lie within `within` standard deviations.
-
-    Whitened along the covariance's eigenvectors; a coordinate beyond is drawn again.
-    """
-    rng = np.random.default_rng(seed)
-    variances, axes = np.linalg.eigh(np.asarray(prior.code_covariance, float))
-    whitened = rng.normal(size=(count, len(variances)))
-    while (beyond := np.abs(whitened) > within).any():
-        whitened[beyond] = rng.normal(size=np.count_nonzero(beyond))
-    return prior.code_mean + whitened * np.sqrt(np.maximum(variances, 0.0)) @ axes.T
-
-
 def check_random_codes(
     prior: ShapePrior,
     count: int = 1000,
@@ -58,7 +45,7 @@ def check_random_codes(
     jobs: int = 1,
 ) -> RandomCodes:
     """Mesh random codes: which have a surface, are in one piece, and fill the prior's box."""
-    codes = draw_codes(prior, count, within, seed)
+    codes = prior.draw_codes(count, np.random.default_rng(seed), within)
     look = partial(_look, prior, resolution)
     if jobs == 1:
         found = [look(code) for code in codes]

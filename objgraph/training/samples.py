@@ -26,7 +26,7 @@ SURFACE_POINTS = 20_000
 class SampleConfig:
     """Where a shape's signed distance is sampled. Lengths are in canonical units."""
 
-    count: int = 16_000
+    count: int = 6000
     """Samples of one shape."""
     near_sigma: float = 0.004
     """Noise about the surface of the nearer share."""

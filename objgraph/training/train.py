@@ -57,9 +57,9 @@ class TrainConfig:
     """Whether such objects stand on the floor: those that hang or lie on others do not."""
     steps: int = 40_000
     """Optimiser steps; may be raised or lowered between resumed runs."""
-    shapes_per_step: int = 96
+    shapes_per_step: int = 128
     """Shapes in a batch."""
-    points_per_shape: int = 20
+    points_per_shape: int = 48
     """Samples of each of them."""
     learning_rate: float = 1e-3
     """Adam's step for the network."""
@@ -69,16 +69,20 @@ class TrainConfig:
     """Steps over which the learning rate rises from zero."""
     cooldown: float = 0.45
     """Last share of the steps, over which it falls to zero."""
-    code_weight: float = 1e-5
+    code_weight: float = 2e-5
     """Weight of the divergence, in nats, of a code's Gaussian from N(0, I); it rises over the first tenth of the steps."""
     code_sigma: float = 0.1
     """First standard deviation of the codes."""
     surface_scale: float = 0.05
     """Distance, canonical, at which a sample weighs half of one on the surface."""
-    sign_weight: float = 0.003
+    inside_weight: float = 2.0
+    """Weight of a sample inside, of which thin parts have few: without it their junctions break."""
+    sign_weight: float = 0.01
     """Weight of the cross-entropy of the sign: what is inside and what is not."""
     sign_scale: float = 0.01
     """Distance, canonical, at which a sign is as good as known."""
+    components: int = 256
+    """Most Gaussians of one covariance that the codes of the training shapes are described by."""
     average_decay: float = 0.999
     """Decay a step of the running average of the weights that is exported."""
     seed: int = 0
@@ -89,8 +93,9 @@ class TrainConfig:
     """Processes that sample the shapes."""
     device: str = "cpu"
     """Torch device: cpu, cuda, cuda:1; a training may go on on another one, with results equal to rounding."""
-    bf16: bool = False
-    """Let the network compute in bfloat16; it helps on GPUs that have it, not on CPUs."""
+    bf16: float = 0.0
+    """Share of the steps, from the first, in which the network computes in bfloat16: several times as fast on GPUs and CPUs
+    that have it, and slow on others."""
     checkpoint_seconds: float = 60.0
     """Time between checkpoints."""
 
@@ -110,6 +115,7 @@ class TrainConfig:
                 "jobs",
                 "device",
                 "bf16",
+                "components",
                 "checkpoint_seconds",
             }
         }
@@ -175,9 +181,9 @@ def _train(config: TrainConfig, corpus: Corpus, progress: Progress | None) -> Tr
         rows = model.codes.rows(batch)
         noise = torch.randn(rows["mean"].shape, generator=torch.Generator().manual_seed(step)).to(sdf)
         codes = rows["mean"] + (0.5 * rows["log_variance"]).exp() * noise
-        with torch.autocast(points.device.type, torch.bfloat16, enabled=config.bf16):
+        with torch.autocast(points.device.type, torch.bfloat16, enabled=step < config.bf16 * config.steps):
             prediction = model.decoder.in_blocks(batch_points, codes).float()
-        loss = sdf_loss(prediction, batch_sdf, config.surface_scale)
+        loss = sdf_loss(prediction, batch_sdf, config.surface_scale, config.inside_weight)
         loss = loss + config.sign_weight * sign_loss(prediction, batch_sdf, config.sign_scale)
         rise = min(1.0, 10 * step / config.steps)
         (loss + rise * config.code_weight * divergence(**rows).mean()).backward()
@@ -216,10 +222,13 @@ def load_trained(config: TrainConfig, corpus: Corpus) -> Trained:
 
 
 def sdf_loss(
-    prediction: Float[Tensor, "..."], sdf: Float[Tensor, "..."], surface_scale: float
+    prediction: Float[Tensor, "..."],
+    sdf: Float[Tensor, "..."],
+    surface_scale: float,
+    inside_weight: float = 1.0,
 ) -> Float[Tensor, ""]:
-    """Mean absolute error of unclamped distances, weighted towards the surface."""
-    weight = 1 / (1 + sdf.abs() / surface_scale)
+    """Mean absolute error of unclamped distances, weighted towards the surface and the inside."""
+    weight = (1 + (inside_weight - 1) * (sdf < 0)) / (1 + sdf.abs() / surface_scale)
     return (weight * (prediction - sdf).abs()).mean()
 
 

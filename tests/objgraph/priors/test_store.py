@@ -67,6 +67,18 @@ def test_round_trip(prior: ShapePrior, tmp_path: Path) -> None:
     assert [item.name for item in tmp_path.iterdir()] == ["lamp.safetensors"]
 
 
+def test_a_mixture_of_codes_is_kept_and_checked(prior: ShapePrior, tmp_path: Path) -> None:
+    path = tmp_path / "lamp.safetensors"
+    means = np.arange(12.0).reshape(4, 3)
+    save_prior(replace(prior, code_means=means), path)
+    found = load_prior(path).code_means
+    assert found is not None
+    assert_array_equal(found, means)
+    save_prior(replace(prior, code_means=np.zeros((4, 5))), path)
+    with pytest.raises(PriorError, match="do not fit a decoder of 3-dimensional codes"):
+        load_prior(path)
+
+
 @pytest.mark.parametrize("damage", ["missing", "empty", "truncated", "text", "foreign", "flipped"])
 def test_bad_file_is_named(prior: ShapePrior, tmp_path: Path, damage: str) -> None:
     path = tmp_path / "lamp.safetensors"

@@ -13,7 +13,7 @@ from objgraph.training.code_search import SearchConfig
 from objgraph.training.evaluate import PriorEvaluationConfig, ShapeRow, evaluate_meshes
 from objgraph.training.mesh_folder import choose_meshes, write_json
 from objgraph.training.partial import PartialConfig
-from objgraph.training.random_codes import BOX_TOLERANCE, check_random_codes, draw_codes
+from objgraph.training.random_codes import BOX_TOLERANCE, check_random_codes
 from objgraph.training.report import document, summary, table
 from objgraph.training.samples import SampleConfig
 from objgraph.training.true_shape import TrueShape, read_solid
@@ -160,7 +160,7 @@ def test_the_grid_knows_inside_from_outside(tmp_path):
 
 def test_random_codes_stay_within_and_are_counted():
     prior = box_prior()
-    codes = draw_codes(prior, 500, within=1.5)
+    codes = prior.draw_codes(500, np.random.default_rng(0), within=1.5)
     assert np.abs(codes).max() <= 1.5 * np.sqrt(0.5) + 1e-9
     assert np.abs(codes).max() > 1.4 * np.sqrt(0.5)
     found = check_random_codes(prior, 20)
@@ -171,7 +171,7 @@ def test_random_codes_stay_within_and_are_counted():
 def test_random_codes_are_held_against_the_box():
     box = np.full(3, 2 * MEAN_HALF)
     prior = replace(box_prior(), code_covariance=0.01 * np.eye(3), box=box)
-    edges = 2 * (MEAN_HALF + 0.1 * draw_codes(prior, 40, seed=1))
+    edges = 2 * (MEAN_HALF + 0.1 * prior.draw_codes(40, np.random.default_rng(1), within=2.0))
     fills = (np.abs(edges / box - 1) <= BOX_TOLERANCE).all(axis=1)
     assert 0 < fills.mean() < 1
     assert check_random_codes(prior, 40, seed=1, resolution=64).fills_box == pytest.approx(
@@ -182,7 +182,7 @@ def test_random_codes_are_held_against_the_box():
 def test_random_codes_without_a_surface_are_failures():
     # half extents of 0.28 + 0.1 code vanish for the codes about -3
     prior = replace(box_prior(), code_mean=np.full(3, -2.5), code_covariance=np.eye(3))
-    half = MEAN_HALF + 0.1 * draw_codes(prior, 40, seed=3)
+    half = MEAN_HALF + 0.1 * prior.draw_codes(40, np.random.default_rng(3), within=2.0)
     found = check_random_codes(prior, 40, resolution=32, seed=3)
     # a box thinner than a cell may fall between the nodes
     assert 0 < (half.min(axis=1) <= 0).sum() <= found.failed
