@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import torch
 import trimesh
-from jaxtyping import Float
+from jaxtyping import Bool, Float, Int
 from numpy.random import Generator
 from safetensors import SafetensorError
 from safetensors.numpy import load_file, save_file
@@ -25,6 +25,7 @@ from objgraph.training.guess_scenes import UP, VIEWS, SceneConfig, SeenObject, d
 
 _SURFACE, _FREE = 200, 100
 """Points kept of a view."""
+TURNS = 16
 _ALIKE = 0.01
 """Mean distance of a shape from itself turned, in its diagonals, at which the turn is about as good."""
 _MESH_RESOLUTION = 56
@@ -63,8 +64,8 @@ class Draws:
     floor: Float[np.ndarray, "n"]
     T_world_object: Float[np.ndarray, "n 4 4"]
     log_scale: Float[np.ndarray, "n 3"]
-    turned: Float[np.ndarray, "n 4"]
-    """Mean distance of each from itself by quarter turns, in its diagonals."""
+    turned: Float[np.ndarray, "n 16"]
+    """Mean distance of each from itself turned by sixteenths of a full turn, in its diagonals."""
     shape: np.ndarray
     """Which shape it is of."""
 
@@ -82,6 +83,10 @@ class Batch:
     """How good each heading is; sums to one."""
     place: Float[torch.Tensor, "b 4 7"]
     """Heading, centre and log-scale in the frame of each quarter."""
+    quarter: Int[torch.Tensor, "b"]
+    """The quarter next to each object's heading."""
+    alike: Bool[torch.Tensor, "b 16"]
+    """By which sixteenths of a turn each object can be turned and looks the same."""
     shape: np.ndarray
 
 
@@ -118,7 +123,7 @@ def batch(
     views: int | None = None,
 ) -> Batch:
     """Clouds of some draws, of one to three of their views each unless it is said of how many."""
-    points, sizes, weights, places = [], [], [], []
+    points, sizes, weights, places, quarters = [], [], [], [], []
     for i in rows:
         count = min(int(draws.views[i]), views or int(rng.integers(1, VIEWS + 1)))
         some = rng.permutation(int(draws.views[i]))[:count] if views is None else range(count)
@@ -128,14 +133,16 @@ def batch(
         ]
         made = cloud(seen, UP, float(draws.floor[i]), unit, config.surface, config.free, rng)
         quarter, place = place_in_quarter(made.box, unit, draws.T_world_object[i], draws.log_scale[i])
-        weight = np.exp(-((draws.turned[i] / _ALIKE) ** 2))
+        weight = np.exp(-((draws.turned[i][:: TURNS // QUARTERS] / _ALIKE) ** 2))
         points.append(made.points)
+        quarters.append(quarter)
         sizes.append(made.box.size / unit)
         weights.append(np.roll(weight / weight.sum(), quarter))
         places.append(np.roll([_seen_turned(place, k) for k in range(QUARTERS)], quarter, axis=0))
     arrays = (torch.from_numpy(np.array(each, np.float32)) for each in (points, sizes, weights, places))
     clouds, edges, good, wanted = arrays
-    return Batch(clouds, edges, good, wanted, draws.shape[list(rows)])
+    alike = torch.from_numpy(draws.turned[list(rows)] < _ALIKE)
+    return Batch(clouds, edges, good, wanted, torch.tensor(quarters), alike, draws.shape[list(rows)])
 
 
 def _seen_turned(place: Float[np.ndarray, "7"], quarters: int) -> Float[np.ndarray, "7"]:
@@ -185,8 +192,8 @@ def _row(seen: SeenObject, mesh: trimesh.Trimesh, rng: Generator) -> dict[str, n
     }  # fmt: skip
 
 
-def turn_distances(mesh: trimesh.Trimesh, scale: Float[np.ndarray, "3"]) -> Float[np.ndarray, "4"]:
-    """Mean distance of a shape's surface from itself turned by quarters about y, in its diagonals."""
+def turn_distances(mesh: trimesh.Trimesh, scale: Float[np.ndarray, "3"]) -> Float[np.ndarray, "16"]:
+    """Mean distance of a shape's surface from itself turned by sixteenths about y, in its diagonals."""
     import open3d as o3d
 
     vertices = np.asarray(mesh.vertices) * scale
@@ -197,10 +204,8 @@ def turn_distances(mesh: trimesh.Trimesh, scale: Float[np.ndarray, "3"]) -> Floa
         0
     ]
     distances = []
-    for k in range(QUARTERS):
-        x, y, z = points.T
-        for _ in range(k):
-            x, z = z, -x
-        turned = np.stack([x, y, z], axis=1).astype(np.float32)
+    for angle in 2 * np.pi * np.arange(TURNS) / TURNS:
+        c, s = np.cos(angle), np.sin(angle)
+        turned = (points @ np.array([[c, 0, -s], [0, 1, 0], [s, 0, c]])).astype(np.float32)
         distances.append(float(scene.compute_distance(o3d.core.Tensor(turned)).numpy().mean()) / diagonal)
     return np.array(distances)

@@ -12,7 +12,7 @@ from torch import Tensor
 from objgraph.errors import PriorError
 from objgraph.priors.first_guess import PLACE, FirstGuess, FirstGuessConfig, Guesses
 from objgraph.priors.tensors import load_tensors, save_tensors
-from objgraph.training.guess_data import Batch, Draws, batch
+from objgraph.training.guess_data import TURNS, Batch, Draws, batch
 
 
 @dataclass(frozen=True)
@@ -98,7 +98,7 @@ class GuessQuality:
     """On objects that the network did not see."""
 
     heading_right: float
-    """Share whose likeliest heading is within 20 degrees of one that is right."""
+    """Share whose likeliest heading is within 20 degrees of the true one, or where the object looks the same."""
     heading_nll: float
     """Mean negative log-probability of the quarters that are right, nats."""
     centre_m: float
@@ -126,9 +126,11 @@ def measure_guess(
     off = (guesses.mean[..., :PLACE] - wanted.place)[each, best]
     # within a quarter of another quarter's: headings go on over the border
     headings = guesses.mean[each, best, 0] + best * torch.pi / 2
-    true = wanted.place[..., 0] + torch.arange(wanted.place.shape[1]) * torch.pi / 2
-    away = torch.remainder(headings[:, None] - true + torch.pi, 2 * torch.pi) - torch.pi
-    right = ((away.abs() < np.radians(limit_deg)) & good).any(dim=1).numpy()
+    quarter = wanted.quarter
+    away = headings - wanted.place[each, quarter, 0] - quarter * torch.pi / 2
+    away = torch.remainder(away + torch.pi, 2 * torch.pi) - torch.pi
+    turn = (away * TURNS / (2 * torch.pi)).round().long() % TURNS
+    right = ((away.abs() < np.radians(limit_deg)) | wanted.alike[each, turn]).numpy()
     mass = torch.where(good, guesses.log_probability.exp(), 0.0).sum(dim=1)
     return GuessQuality(
         float(right.mean()),
