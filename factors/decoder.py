@@ -34,8 +34,6 @@ class DecoderConfig:
     """Number of sine/cosine pairs an axis, at frequencies pi * 2^k, given beside the point itself."""
     activation: Literal["silu", "relu", "softplus"] = "silu"
     """The hidden units' non-linearity."""
-    mirror: Literal["none", "soft", "hard"] = "none"
-    """Whether shapes are their own mirror images in x = 0: `hard`, all of them; `soft`, the network is given |x| beside x."""
     mapping: int = 0
     """Units of the two layers of a network that the code passes once a shape, before it enters at every hidden layer;
     without any it enters as it is, at the first and the skip layer."""
@@ -51,7 +49,7 @@ class Decoder(LinearInjection):
         self.config = config = config or DecoderConfig()
         if not 0 <= config.skip < config.depth:
             raise FactorError(f"the skip layer {config.skip} is not one of the {config.depth} hidden layers")
-        features = 3 + 6 * config.octaves + (config.mirror == "soft")
+        features = 3 + 6 * config.octaves
         entries = [0] if config.skip == 0 else [0, config.skip]
         mapped, m = range(config.depth) if config.mapping else entries, config.mapping
         self.from_code = nn.ModuleDict(
@@ -133,37 +131,25 @@ class Decoder(LinearInjection):
                 d_injected[entry] = d_layer
             if i:
                 d_layer = _back(self.hidden[i - 1], d_layer)
-        return value, self._point_gradient(points, features, torch.as_tensor(d_features)), d_injected
+        return value, self._point_gradient(features, torch.as_tensor(d_features)), d_injected
 
     def _point_gradient(
-        self, points: Float[Tensor, "n 3"], features: Float[Tensor, "n f"], d_features: Float[Tensor, "n f"]
+        self, features: Float[Tensor, "n f"], d_features: Float[Tensor, "n f"]
     ) -> Float[Tensor, "n 3"]:
         """Derivative w.r.t. the point, given that w.r.t. its features."""
-        n = 3 * self.config.octaves
-        d_point = d_features[:, :3]
-        if n:
-            sin, cos = features[:, 3 : 3 + n], features[:, 3 + n : 3 + 2 * n]
-            d_sin, d_cos = d_features[:, 3 : 3 + n], d_features[:, 3 + n : 3 + 2 * n]
-            d_angle = (d_sin * cos - d_cos * sin).unflatten(1, (3, -1))
-            d_point = d_point + (d_angle * self.frequencies).sum(dim=2)
-        if self.config.mirror == "none":
-            return d_point
-        d_x = d_point[:, :1] * points[:, :1].sign()
-        if self.config.mirror == "soft":
-            d_x = d_x + d_features[:, -1:]
-        return torch.cat([d_x, d_point[:, 1:]], dim=1)
+        if self.config.octaves == 0:
+            return d_features
+        rest = [3 * self.config.octaves] * 2
+        _, sin, cos = features.split([3, *rest], dim=1)
+        d_point, d_sin, d_cos = d_features.split([3, *rest], dim=1)
+        d_angle = (d_sin * cos - d_cos * sin).unflatten(1, (3, -1))
+        return d_point + (d_angle * self.frequencies).sum(dim=2)
 
     def _features(self, points: Float[Tensor, "n 3"]) -> Float[Tensor, "n f"]:
-        x = points[:, :1]
-        if self.config.mirror != "none":
-            points = torch.cat([x.abs(), points[:, 1:]], dim=1)
-        parts = [points]
-        if self.config.octaves:
-            angles = (points[:, :, None] * self.frequencies).flatten(1)
-            parts += [angles.sin(), angles.cos()]
-        if self.config.mirror == "soft":
-            parts.append(x)
-        return torch.cat(parts, dim=1) if len(parts) > 1 else parts[0]
+        if self.config.octaves == 0:
+            return points
+        angles = (points[:, :, None] * self.frequencies).flatten(1)
+        return torch.cat([points, angles.sin(), angles.cos()], dim=-1)
 
 
 def _back(layer: nn.Module, d_output: Float[Tensor, "n o"]) -> Float[Tensor, "n i"]:
