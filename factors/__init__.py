@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from factors.base import Annealing, ObservationFactor
     from factors.batch import prefetch
-    from factors.code_mixture import code_mixture
+    from factors.code_mixture import CodeKinds, code_mixture
     from factors.decoder import Decoder, DecoderConfig
     from factors.depth import DepthFactor, RaySampling
     from factors.errors import FactorError, NotFiniteError, ObjectGraphError
@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "Annealing",
+    "CodeKinds",
     "Decoder",
     "DecoderConfig",
     "DepthFactor",
@@ -60,7 +61,7 @@ __all__ = [
 _HOMES = {
     "factors.base": "Annealing ObservationFactor",
     "factors.batch": "prefetch",
-    "factors.code_mixture": "code_mixture",
+    "factors.code_mixture": "CodeKinds code_mixture",
     "factors.decoder": "Decoder DecoderConfig",
     "factors.depth": "DepthFactor RaySampling",
     "factors.errors": "FactorError NotFiniteError ObjectGraphError",

@@ -1,4 +1,6 @@
-"""The prior on a code that comes from a mixture of Gaussians, all equally likely and of one covariance."""
+"""The prior on a code where most shapes are of known kinds and some are not: a mixture of Gaussians."""
+
+from typing import NamedTuple
 
 import gtsam
 import numpy as np
@@ -10,30 +12,62 @@ from factors.reduce import guarded_factor
 from factors.state import ObjectKeys
 
 
+class CodeKinds(NamedTuple):
+    """Gaussians of one covariance, all equally likely, about codes of known shapes."""
+
+    means: Float[np.ndarray, "k l"]
+    covariance: Float[np.ndarray, "l l"]
+
+
+OTHERS = 0.01
+"""Probability of a shape of no known kind."""
+
+
 def code_mixture(
-    keys: ObjectKeys, means: Float[np.ndarray, "k l"], covariance: Float[np.ndarray, "l l"]
+    keys: ObjectKeys, kinds: CodeKinds, mean: Float[np.ndarray, "l"], covariance: Float[np.ndarray, "l l"]
 ) -> gtsam.NonlinearFactor:
-    """Half the squared Mahalanobis distance to the nearest mean: the mixture's likeliest component.
+    """Negative log-density of the likeliest component: one of the kinds or, as one in a hundred shapes is, N(mean, covariance).
 
     Olson & Agarwal, "Inference on networks of mixtures for robust robot mapping", IJRR 2013: the mixture's sum becomes
-    its largest term, which a least-squares solver can hold. Halfway between means the gradient jumps, the loss does not.
+    its largest term, which a least-squares solver can hold. Where another component becomes the likeliest the gradient
+    jumps, the loss does not; it is zero at the peak of the highest.
 
     Raises:
-        FactorError: means and covariance are of codes of different lengths, or the covariance is not positive definite.
+        FactorError: the Gaussians are of codes of different lengths, or a covariance is not positive definite.
     """
-    means, covariance = np.asarray(means, float), np.asarray(covariance, float)
+    means = np.asarray(kinds.means, float)
     length = means.shape[-1]
-    if means.ndim != 2 or len(means) == 0 or covariance.shape != (length, length):
-        raise FactorError(f"means {means.shape} and a covariance {covariance.shape} are of no one mixture")
-    try:
-        root = solve_triangular(np.linalg.cholesky(covariance), np.eye(length), lower=True)
-    except np.linalg.LinAlgError as error:
-        raise FactorError("the covariance of a mixture of codes is not positive definite") from error
-    whitened = means @ root.T
+    if means.ndim != 2 or len(means) == 0 or np.shape(mean) != (length,):
+        raise FactorError(f"kinds about {means.shape} and a mean {np.shape(mean)} are of no one mixture")
+    kind_root, kind_constant = _whitened(kinds.covariance, length, (1 - OTHERS) / len(means))
+    root, constant = _whitened(covariance, length, OTHERS)
+    centres, centre = means @ kind_root.T, root @ mean
+    least = min(kind_constant, constant)
 
     def evaluate(values: gtsam.Values, jacobian: bool) -> tuple[np.ndarray, list[np.ndarray] | None]:
-        offsets = root @ values.atVector(keys.code) - whitened
-        nearest = np.einsum("kl,kl->k", offsets, offsets).argmin()
-        return offsets[nearest].copy(), [root] if jacobian else None
+        code = values.atVector(keys.code)
+        offsets = kind_root @ code - centres
+        squares = np.einsum("kl,kl->k", offsets, offsets)
+        nearest = squares.argmin()
+        other = root @ code - centre
+        is_kind = 0.5 * squares[nearest] + kind_constant <= 0.5 * other @ other + constant
+        offset, used = (offsets[nearest], kind_root) if is_kind else (other, root)
+        slack = np.sqrt(2 * ((kind_constant if is_kind else constant) - least))
+        return np.append(offset, slack), [np.vstack([used, np.zeros(length)])] if jacobian else None
 
-    return guarded_factor([keys.code], [length], length, evaluate, "CodeMixture")
+    return guarded_factor([keys.code], [length], length + 1, evaluate, "CodeMixture")
+
+
+def _whitened(
+    covariance: Float[np.ndarray, "l l"], length: int, weight: float
+) -> tuple[Float[np.ndarray, "l l"], float]:
+    """L^-1 for a covariance L L^T, and what its Gaussian adds to half a squared distance, but for what all add."""
+    covariance = np.asarray(covariance, float)
+    if covariance.shape != (length, length):
+        raise FactorError(f"a covariance {covariance.shape} is not of codes of length {length}")
+    try:
+        lower = np.linalg.cholesky(covariance)
+    except np.linalg.LinAlgError as error:
+        raise FactorError("a covariance of a mixture of codes is not positive definite") from error
+    root = solve_triangular(lower, np.eye(length), lower=True)
+    return root, float(np.log(np.diag(lower)).sum() - np.log(weight))

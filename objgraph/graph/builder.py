@@ -102,8 +102,8 @@ class ObjectBuilder:
         spread = self.config.code_spread**2 * np.asarray(prior.code_covariance)
         factors = [
             code_prior(keys, prior.code_mean, spread)
-            if prior.code_means is None
-            else code_mixture(keys, prior.code_means, spread),
+            if prior.kinds is None
+            else code_mixture(keys, prior.kinds, prior.code_mean, spread),
             scale_prior(keys, np.log(prior.size_mean), prior.size_log_sigma, anisotropy),
         ]
         if self.up_world is not None:

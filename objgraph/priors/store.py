@@ -9,6 +9,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from factors.code_mixture import CodeKinds
 from factors.decoder import Decoder, DecoderConfig
 from factors.deepsdf import DeepSdfConfig, DeepSdfDecoder
 from factors.errors import FactorError
@@ -31,8 +32,11 @@ def save_prior(prior: ShapePrior, path: Path) -> None:
     tensors = {f"decoder.{name}": value for name, value in prior.decoder.state_dict().items()}
     tensors["code_mean"] = torch.from_numpy(np.asarray(prior.code_mean, np.float64))
     tensors["code_covariance"] = torch.from_numpy(np.asarray(prior.code_covariance, np.float64))
-    if prior.code_means is not None:
-        tensors["code_means"] = torch.from_numpy(np.asarray(prior.code_means, np.float32))
+    if prior.kinds is not None:
+        tensors |= {
+            f"kinds.{name}": torch.from_numpy(np.asarray(value, np.float32))
+            for name, value in prior.kinds._asdict().items()
+        }
     if prior.prototypes is not None:
         tensors["prototypes"] = torch.from_numpy(np.asarray(prior.prototypes, np.float64))
     if prior.box is not None:
@@ -81,7 +85,7 @@ def load_prior_file(path: Path) -> ShapePrior:
             guess = FirstGuess(FirstGuessConfig(**header["guess"])).requires_grad_(False).eval()
             guess.load_state_dict(_part(tensors, "guess."))
         mean, covariance = tensors["code_mean"].numpy(), tensors["code_covariance"].numpy()
-        means = tensors["code_means"].double().numpy() if "code_means" in tensors else None
+        kinds = {name: value.double().numpy() for name, value in _part(tensors, "kinds.").items()}
         prototypes = tensors["prototypes"].numpy() if "prototypes" in tensors else None
         box = tensors["box"].numpy() if "box" in tensors else None
         numbers = [float(header[key]) for key in ("residual_sigma", "size_mean", "size_log_sigma")]
@@ -98,8 +102,9 @@ def load_prior_file(path: Path) -> ShapePrior:
         raise PriorError(f"{path}: the box {box} is not three positive edges")
     if guess is not None and guess.config.code_length != length:
         raise PriorError(f"{path}: its first guess is of codes of another length than its decoder's {length}")
-    several = [codes for codes in (means, prototypes) if codes is not None]
-    if not fit or any(codes.ndim != 2 or not len(codes) or codes.shape[1] != length for codes in several):
+    if kinds:
+        fit &= kinds["means"].shape[1:] == (length,) and kinds["covariance"].shape == (length, length)
+    if not fit or (prototypes is not None and prototypes.shape[1:] != (length,)):
         raise PriorError(
             f"{path}: code statistics of shapes {mean.shape} and {covariance.shape} do not fit a decoder of "
             f"{length}-dimensional codes"
@@ -107,7 +112,8 @@ def load_prior_file(path: Path) -> ShapePrior:
     arrays = [
         mean,
         covariance,
-        *several,
+        *kinds.values(),
+        *([] if prototypes is None else [prototypes]),
         *([] if box is None else [box]),
         numbers,
         [] if anisotropy is None else [anisotropy],
@@ -127,7 +133,7 @@ def load_prior_file(path: Path) -> ShapePrior:
         covariance,
         *numbers,
         card=card,
-        code_means=means,
+        kinds=CodeKinds(**kinds) if kinds else None,
         prototypes=prototypes,
         anisotropy_sigma=anisotropy,
         box=box,

@@ -9,10 +9,11 @@ from pathlib import Path
 import numpy as np
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn, TimeRemainingColumn
 
+from factors.code_mixture import CodeKinds
 from objgraph.priors.shape_prior import ShapePrior
 from objgraph.priors.store import save_prior
 from objgraph.training.corpus import Corpus, build_corpus
-from objgraph.training.fit import FitError, code_mixture, fit_error, typical_codes
+from objgraph.training.fit import FitError, fit_error, typical_codes
 from objgraph.training.index import CadMesh
 from objgraph.training.samples import SURFACE_POINTS
 from objgraph.training.size import size_statistics
@@ -77,13 +78,15 @@ def make_prior(config: TrainConfig, corpus: Corpus, trained: Trained) -> ShapePr
     """The prior of a training, with what it does on shapes it has not seen in the card."""
     metric = [entry.size for entry in corpus.used if entry.size is not None]
     size_mean, size_log_sigma, size_source = size_statistics(config.category, metric)
-    mixture = code_mixture(trained.codes, config.components)
+    kinds = CodeKinds(
+        typical_codes(trained.codes, config.kinds), np.diag(trained.code_variance.astype(float))
+    )
     prior = ShapePrior(
         category=config.category,
         decoder=trained.decoder,
-        code_mean=mixture.means.mean(axis=0),
-        code_covariance=mixture.covariance,
-        code_means=mixture.means,
+        code_mean=np.zeros(len(trained.code_variance)),
+        code_covariance=np.eye(len(trained.code_variance)),
+        kinds=kinds,
         residual_sigma=0.01,
         size_mean=size_mean,
         size_log_sigma=size_log_sigma,

@@ -2,7 +2,7 @@
 
 from dataclasses import asdict, dataclass
 from itertools import pairwise
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import torch
@@ -89,24 +89,6 @@ def code_statistics(
     covariance = np.cov(codes, rowvar=False)
     ridge = 1e-3 * np.trace(covariance) / codes.shape[1]
     return codes.mean(0), covariance + ridge * np.eye(codes.shape[1])
-
-
-class CodeMixture(NamedTuple):
-    """Equally likely Gaussians of one covariance."""
-
-    means: Float[np.ndarray, "k l"]
-    covariance: Float[np.ndarray, "l l"]
-
-
-def code_mixture(codes: Float[np.ndarray, "s l"], components: int, seed: int = 0) -> CodeMixture:
-    """The mixture that the training codes are most likely under (scikit-learn's), with at least eight codes a Gaussian."""
-    from sklearn.mixture import GaussianMixture
-
-    count = max(1, min(components, len(codes) // 8))
-    found = GaussianMixture(count, covariance_type="tied", random_state=seed, reg_covar=1e-4).fit(
-        codes.astype(float)
-    )
-    return CodeMixture(np.asarray(found.means_), np.asarray(found.covariances_))
 
 
 def typical_codes(

@@ -81,8 +81,8 @@ class TrainConfig:
     """Weight of the cross-entropy of the sign: what is inside and what is not."""
     sign_scale: float = 0.01
     """Distance, canonical, at which a sign is as good as known."""
-    components: int = 256
-    """Most Gaussians of one covariance that the codes of the training shapes are described by."""
+    kinds: int = 512
+    """Most shapes about whose codes the prior expects others."""
     average_decay: float = 0.999
     """Decay a step of the running average of the weights that is exported."""
     seed: int = 0
@@ -115,7 +115,7 @@ class TrainConfig:
                 "jobs",
                 "device",
                 "bf16",
-                "components",
+                "kinds",
                 "checkpoint_seconds",
             }
         }
@@ -129,6 +129,8 @@ class Trained:
     decoder: Decoder
     codes: Float[np.ndarray, "s l"]
     """Means of the training shapes' Gaussians."""
+    code_variance: Float[np.ndarray, "l"]
+    """Their mean variance."""
     box: BoxFrame | None
     """The frame that the shapes were stretched to."""
     step: int
@@ -335,4 +337,6 @@ def _trained(config: TrainConfig, corpus: Corpus, model: AutoDecoder, step: int,
     decoder = _decoder(config)
     decoder.load_state_dict({name: value.cpu() for name, value in model.average.items()})
     decoder.requires_grad_(False).eval()
-    return Trained(decoder, model.codes.tables["mean"].cpu().numpy().copy(), _box(config, corpus), step, loss)
+    mean, log_variance = (model.codes.tables[name].cpu() for name in ("mean", "log_variance"))
+    variance = log_variance.exp().mean(dim=0).numpy()
+    return Trained(decoder, mean.numpy().copy(), variance, _box(config, corpus), step, loss)

@@ -1,44 +1,43 @@
 from dataclasses import replace
 
+import gtsam
 import numpy as np
 import pytest
 
-from objgraph.training.code_search import CodeGaussian
-from objgraph.training.fit import code_mixture
+from factors.code_mixture import OTHERS, CodeKinds, code_mixture
+from factors.state import ObjectKeys
+from objgraph.training.code_search import CodePrior
 from tests.shapes import box_prior
 
-
-def test_the_mixture_finds_kinds_of_shapes_and_their_spread():
-    rng = np.random.default_rng(0)
-    kinds = np.array([[4.0, 0.0, 0.0], [-4.0, 0.0, 0.0], [0.0, 5.0, 0.0]])
-    spread = np.array([0.3, 0.5, 0.2])
-    codes = np.concatenate([kind + spread * rng.normal(size=(300, 3)) for kind in kinds])
-    found = code_mixture(codes, 3)
-    order = [int(np.linalg.norm(found.means - kind, axis=1).argmin()) for kind in kinds]
-    np.testing.assert_allclose(found.means[order], kinds, atol=0.1)
-    np.testing.assert_allclose(np.sqrt(np.diag(found.covariance)), spread, rtol=0.1)
+KINDS = CodeKinds(np.array([[0.0, 0.0, 0.0], [2.0, 1.0, 0.0]]), np.diag([0.2, 0.01, 0.1]))
+KEYS = ObjectKeys.numbered(1)
 
 
-def test_few_codes_are_one_gaussian():
-    codes = np.random.default_rng(1).normal(size=(15, 3))
-    found = code_mixture(codes, 256)
-    np.testing.assert_allclose(found.means, codes.mean(axis=0)[None])
+@pytest.mark.parametrize("kinds", [None, KINDS])
+def test_a_search_holds_codes_to_what_the_graph_holds_them_to(kinds):
+    prior = replace(box_prior(), kinds=kinds)
+    codes = np.random.default_rng(0).normal(size=(40, 3))
+    codes[:10] = KINDS.means[1] + 0.1 * codes[:10]
+    cost, pull, information = CodePrior(prior).at(codes)
+    for i, code in enumerate(codes):
+        values = gtsam.Values()
+        values.insert(KEYS.code, code)
+        alone = CodeKinds(prior.code_mean[None], prior.code_covariance)
+        factor = code_mixture(KEYS, prior.kinds or alone, prior.code_mean, prior.code_covariance)
+        assert cost[i] / 2 == pytest.approx(factor.error(values), rel=1e-5, abs=1e-5)
+        A, b = factor.linearize(values).jacobian()
+        np.testing.assert_allclose(pull[i], -A.T @ b, rtol=1e-5, atol=1e-6)
+        np.testing.assert_allclose(information[i], A.T @ A, rtol=1e-5, atol=1e-6)
 
 
-def test_a_code_is_held_to_the_nearest_mean():
-    covariance = np.diag([1.0, 0.01, 1.0])
-    means = np.array([[0.0, 0.0, 0.0], [2.0, 1.0, 0.0]])
-    gaussian = CodeGaussian.of(replace(box_prior(), code_means=means, code_covariance=covariance))
-    # nearer to the first by its length, to the second by its deviations
-    np.testing.assert_allclose(gaussian.offset(np.array([[0.2, 0.9, 0.0]])), [[-1.8, -0.1, 0.0]])
-
-
-def test_random_codes_lie_about_all_means():
-    means = np.array([[3.0, 0.0, 0.0], [-3.0, 0.0, 0.0]])
-    prior = replace(box_prior(), code_means=means, code_covariance=0.04 * np.eye(3))
-    codes = prior.draw_codes(2000, np.random.default_rng(2), within=2.0)
-    right = codes[:, 0] > 0
-    assert right.mean() == pytest.approx(0.5, abs=0.05)
+def test_random_codes_lie_about_the_kinds_but_for_a_few():
+    means = np.array([[30.0, 0.0, 0.0], [-30.0, 0.0, 0.0]])
+    prior = replace(box_prior(), kinds=CodeKinds(means, 0.04 * np.eye(3)))
+    codes = prior.draw_codes(20_000, np.random.default_rng(2), within=2.0)
+    right, other = codes[:, 0] > 20, np.abs(codes[:, 0]) < 20
+    assert other.mean() == pytest.approx(OTHERS, abs=0.003)
+    assert right.mean() == pytest.approx(0.5, abs=0.02)
     assert np.abs(codes[right] - means[0]).max() <= 0.4 + 1e-9
     # of a normal distribution cut at two deviations
-    assert codes[right, 1].std() == pytest.approx(0.2 * 0.88, rel=0.06)
+    assert codes[right, 1].std() == pytest.approx(0.2 * 0.88, rel=0.02)
+    assert codes[other, 1].std() == pytest.approx(np.sqrt(0.5) * 0.88, rel=0.15)
