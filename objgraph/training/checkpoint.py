@@ -12,16 +12,26 @@ from objgraph.training.row_adam import RowAdam
 
 
 class AutoDecoder:
-    """A decoder with a running average of its weights, and a Gaussian over the code of every training shape."""
+    """A decoder with a running average of its weights, a Gaussian over the code of every training shape, and the last
+    error of each of their samples."""
 
     def __init__(
-        self, decoder: Decoder, shapes: int, code_length: int, seed: int, decay: float, sigma: float
+        self,
+        decoder: Decoder,
+        samples: tuple[int, int],
+        code_length: int,
+        seed: int,
+        decay: float,
+        sigma: float,
     ) -> None:
         self.decoder = decoder
+        shapes = samples[0]
         device, generator = next(decoder.parameters()).device, torch.Generator().manual_seed(seed)
         mean = 0.1 * torch.randn(shapes, code_length, generator=generator)
         log_variance = torch.full((shapes, code_length), 2 * math.log(sigma))
         self.codes = RowAdam({"mean": mean.to(device), "log_variance": log_variance.to(device)})
+        # nothing is as bad as what was never looked at
+        self.errors = torch.full(samples, torch.finfo(torch.float16).max, dtype=torch.float16, device=device)
         self.average = {name: value.detach().clone() for name, value in decoder.named_parameters()}
         self.decay = decay
 
@@ -37,6 +47,7 @@ def pack(model: AutoDecoder, optimizer: torch.optim.Optimizer) -> dict[str, Tens
     """Everything that a resumed training needs, as named tensors."""
     tensors = {f"weight/{name}": value for name, value in model.decoder.named_parameters()}
     tensors |= {f"average/{name}": value for name, value in model.average.items()}
+    tensors["errors"] = model.errors
     tensors |= {f"codes/{name}": value for name, value in model.codes.state().items()}
     for i, state in optimizer.state_dict()["state"].items():
         tensors |= {f"adam/{i}/{key}": value for key, value in state.items()}
@@ -56,6 +67,7 @@ def unpack(
         for name, value in model.decoder.named_parameters():
             value.copy_(tensors[f"weight/{name}"])
             model.average[name].copy_(tensors[f"average/{name}"])
+        model.errors.copy_(tensors["errors"])
         prefix = "codes/"
         model.codes.restore(
             {name.removeprefix(prefix): tensor for name, tensor in tensors.items() if name.startswith(prefix)}

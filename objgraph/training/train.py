@@ -61,6 +61,9 @@ class TrainConfig:
     """Shapes in a batch."""
     points_per_shape: int = 48
     """Samples of each of them."""
+    candidates: int = 3
+    """Samples of which the one that was worst when last looked at is taken (as in Shrivastava et al., "Training
+    region-based object detectors with online hard example mining", 2016): thin parts have few."""
     learning_rate: float = 1e-3
     """Adam's step for the network."""
     code_learning_rate: float = 4e-2
@@ -75,7 +78,7 @@ class TrainConfig:
     """First standard deviation of the codes."""
     surface_scale: float = 0.05
     """Distance, canonical, at which a sample weighs half of one on the surface."""
-    inside_weight: float = 2.0
+    inside_weight: float = 4.0
     """Weight of a sample inside, of which thin parts have few: without it their junctions break."""
     sign_weight: float = 0.01
     """Weight of the cross-entropy of the sign: what is inside and what is not."""
@@ -171,22 +174,25 @@ def train(config: TrainConfig, corpus: Corpus, progress: Progress | None = None)
 
 def _train(config: TrainConfig, corpus: Corpus, progress: Progress | None) -> Trained:
     points, sdf = (tensor.to(_device(config)) for tensor in _stack(corpus.training, _box(config, corpus)))
-    model, optimizer = _model(config, len(sdf))
+    model, optimizer = _model(config, *sdf.shape)
     path = checkpoint_path(config)
     step, mean = _resume(config, path, model, optimizer)
     saved = time.monotonic()
     while step < config.steps:
         rate = schedule(config, step)
         optimizer.param_groups[0]["lr"] = config.learning_rate * rate
-        batch, batch_points, batch_sdf = _batch(config, step, points, sdf)
+        batch, pick = _batch(config, step, model.errors)
+        batch_points, batch_sdf = points[pick], sdf[pick]
         optimizer.zero_grad(set_to_none=True)
         rows = model.codes.rows(batch)
         noise = torch.randn(rows["mean"].shape, generator=torch.Generator().manual_seed(step)).to(sdf)
         codes = rows["mean"] + (0.5 * rows["log_variance"]).exp() * noise
         with torch.autocast(points.device.type, torch.bfloat16, enabled=step < config.bf16 * config.steps):
             prediction = model.decoder.in_blocks(batch_points, codes).float()
-        loss = sdf_loss(prediction, batch_sdf, config.surface_scale, config.inside_weight)
-        loss = loss + config.sign_weight * sign_loss(prediction, batch_sdf, config.sign_scale)
+        errors = distance_errors(prediction, batch_sdf, config.surface_scale, config.inside_weight)
+        errors = errors + config.sign_weight * sign_errors(prediction, batch_sdf, config.sign_scale)
+        model.errors[pick] = errors.detach().to(model.errors)
+        loss = errors.mean()
         rise = min(1.0, 10 * step / config.steps)
         (loss + rise * config.code_weight * divergence(**rows).mean()).backward()
         value = loss.item()
@@ -214,8 +220,8 @@ def load_trained(config: TrainConfig, corpus: Corpus) -> Trained:
     Raises:
         PriorError: there is no checkpoint of this training.
     """
-    shapes = len(corpus.training)
-    model, optimizer = _model(config, shapes)
+    shapes = corpus.training
+    model, optimizer = _model(config, len(shapes), len(shapes[0].sdf))
     path = checkpoint_path(config)
     if not path.is_file():
         raise PriorError(f"{path} does not exist: this category has not been trained in that folder")
@@ -223,20 +229,19 @@ def load_trained(config: TrainConfig, corpus: Corpus) -> Trained:
     return _trained(config, corpus, model, step, mean)
 
 
-def sdf_loss(
-    prediction: Float[Tensor, "..."],
-    sdf: Float[Tensor, "..."],
-    surface_scale: float,
-    inside_weight: float = 1.0,
-) -> Float[Tensor, ""]:
-    """Mean absolute error of unclamped distances, weighted towards the surface and the inside."""
+def distance_errors(
+    prediction: Float[Tensor, "..."], sdf: Float[Tensor, "..."], surface_scale: float, inside_weight: float
+) -> Float[Tensor, "..."]:
+    """Absolute errors of unclamped distances, weighted towards the surface and the inside."""
     weight = (1 + (inside_weight - 1) * (sdf < 0)) / (1 + sdf.abs() / surface_scale)
-    return (weight * (prediction - sdf).abs()).mean()
+    return weight * (prediction - sdf).abs()
 
 
-def sign_loss(prediction: Float[Tensor, "..."], sdf: Float[Tensor, "..."], scale: float) -> Float[Tensor, ""]:
-    """Mean cross-entropy of which side samples are on; without it thin parts break, and matter is left between them."""
-    return binary_cross_entropy_with_logits(-prediction / scale, (sdf < 0).to(prediction))
+def sign_errors(
+    prediction: Float[Tensor, "..."], sdf: Float[Tensor, "..."], scale: float
+) -> Float[Tensor, "..."]:
+    """Cross-entropy of which side samples are on; without it thin parts break, and matter is left between them."""
+    return binary_cross_entropy_with_logits(-prediction / scale, (sdf < 0).to(prediction), reduction="none")
 
 
 def divergence(mean: Float[Tensor, "b l"], log_variance: Float[Tensor, "b l"]) -> Float[Tensor, "b"]:
@@ -268,21 +273,27 @@ def _stack(
 
 
 def _batch(
-    config: TrainConfig, step: int, points: Float[Tensor, "s n 3"], sdf: Float[Tensor, "s n"]
-) -> tuple[Int[Tensor, "b"], Float[Tensor, "b k 3"], Float[Tensor, "b k"]]:
-    """The shapes and samples of a step, which its number and the seed decide alone."""
+    config: TrainConfig, step: int, errors: Float[Tensor, "s n"]
+) -> tuple[Int[Tensor, "b"], tuple[Int[Tensor, "b 1"], Int[Tensor, "b k"]]]:
+    """The shapes and samples of a step, which its number, the seed and the last errors decide alone."""
     rng = np.random.default_rng([config.seed, step])
-    count = min(config.shapes_per_step, len(sdf))
-    batch = torch.from_numpy(rng.choice(len(sdf), count, replace=False)).to(sdf.device)
-    row = torch.from_numpy(rng.integers(sdf.shape[1], size=(count, config.points_per_shape))).to(sdf.device)
-    pick = (batch[:, None], row)
-    return batch, points[pick], sdf[pick]
+    count = min(config.shapes_per_step, len(errors))
+    batch = torch.from_numpy(rng.choice(len(errors), count, replace=False)).to(errors.device)
+    size = (count, config.points_per_shape, config.candidates)
+    rows = torch.from_numpy(rng.integers(errors.shape[1], size=size)).to(errors.device)
+    worst = errors[batch[:, None, None], rows].argmax(dim=2, keepdim=True)
+    return batch, (batch[:, None], rows.gather(2, worst).squeeze(2))
 
 
-def _model(config: TrainConfig, shapes: int) -> tuple[AutoDecoder, torch.optim.Optimizer]:
+def _model(config: TrainConfig, shapes: int, samples: int) -> tuple[AutoDecoder, torch.optim.Optimizer]:
     decoder = _decoder(config).to(_device(config))
     model = AutoDecoder(
-        decoder, shapes, config.decoder.code_length, config.seed, config.average_decay, config.code_sigma
+        decoder,
+        (shapes, samples),
+        config.decoder.code_length,
+        config.seed,
+        config.average_decay,
+        config.code_sigma,
     )
     return model, torch.optim.Adam(decoder.parameters())
 

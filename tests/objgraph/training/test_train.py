@@ -33,7 +33,7 @@ from objgraph.training.train import (
     divergence,
     load_trained,
     schedule,
-    sign_loss,
+    sign_errors,
     train,
 )
 
@@ -80,7 +80,7 @@ def test_loss_falls_and_an_unseen_size_is_found(config: TrainConfig) -> None:
     config = replace(config, steps=600, points_per_shape=64, cooldown=0.5)
     losses: list[float] = []
     trained = train(config, BALLS, lambda _, loss: losses.append(loss))
-    assert losses[-1] < 0.6 * losses[0]
+    assert losses[-1] < 0.8 * losses[0]  # of the worst samples
     error = fit_error(prior_of(trained), ball(0.33, 99), 48)
     assert error.chamfer < 0.06
     assert error.bands["0-0.005"] < 0.03
@@ -125,7 +125,7 @@ def prior_of(trained: Trained) -> ShapePrior:
     )
 
 
-def test_divergence_and_sign_loss_are_torchs_own() -> None:
+def test_divergence_and_sign_errors_are_torchs_own() -> None:
     generator = torch.Generator().manual_seed(0)
     mean, log_variance = torch.randn(2, 5, 4, generator=generator).double()
     found = Normal(mean, (0.5 * log_variance).exp())
@@ -133,7 +133,7 @@ def test_divergence_and_sign_loss_are_torchs_own() -> None:
     torch.testing.assert_close(divergence(mean, log_variance), kl_divergence(found, there).sum(dim=1))
     prediction, sdf = 0.02 * torch.randn(2, 50, generator=generator).double()
     inside = Bernoulli(logits=-prediction / 0.01).log_prob((sdf < 0).double())
-    torch.testing.assert_close(sign_loss(prediction, sdf, 0.01), -inside.mean())
+    torch.testing.assert_close(sign_errors(prediction, sdf, 0.01), -inside)
 
 
 def test_killed_training_resumes_with_the_same_result(config: TrainConfig, tmp_path: Path) -> None:
