@@ -76,8 +76,10 @@ def _write(config: TrainConfig, corpus: Corpus, trained: Trained) -> Path:
 
 def make_prior(config: TrainConfig, corpus: Corpus, trained: Trained) -> ShapePrior:
     """The prior of a training, with what it does on shapes it has not seen in the card."""
-    metric = [entry.size for entry in corpus.used if entry.size is not None]
-    size_mean, size_log_sigma, size_source = size_statistics(config.category, metric)
+    metric = [(entry.size, entry.source) for entry in corpus.used if entry.size is not None]
+    size_mean, size_log_sigma, size_source = size_statistics(
+        config.category, [size for size, _ in metric], [source for _, source in metric]
+    )
     kinds = CodeKinds(
         typical_codes(trained.codes, config.kinds), np.diag(trained.code_variance.astype(float))
     )

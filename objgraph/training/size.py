@@ -1,34 +1,64 @@
 """How large objects of a category are: the bounding box's diagonal in metres."""
 
+from collections import Counter
 from collections.abc import Sequence
 
 import numpy as np
 
-USUAL = {"chair": (1.17, 0.20), "table": (1.75, 0.40), "car": (5.0, 0.12)}
-"""Geometric mean and log-deviation from usual dimensions: chairs from 0.45 x 0.85 x 0.5 (dining) to
+USUAL = {
+    "chair": (1.17, 0.20),
+    "table": (1.75, 0.40),
+    "car": (5.0, 0.12),
+    "sofa": (2.2, 0.25),
+    "bed": (2.75, 0.15),
+    "cabinet": (1.5, 0.40),
+    "bookshelf": (1.9, 0.30),
+    "display": (0.85, 0.40),
+    "bathtub": (1.95, 0.12),
+    "trash_bin": (0.7, 0.35),
+}
+"""Geometric mean and log-deviation from usual dimensions, width x height x depth: chairs from 0.45 x 0.85 x 0.5 (dining) to
 0.68 x 1.0 x 0.68 (office); tables from 0.9 x 0.45 x 0.6 (coffee) to 2.8 x 0.75 x 1.2 (meeting); cars from
-1.65 x 1.5 x 3.6 (small) to 2.0 x 1.9 x 5.3 (van, pick-up)."""
+1.65 x 1.5 x 3.6 (small) to 2.0 x 1.9 x 5.3 (van, pick-up); sofas from 0.85 x 0.85 x 0.85 (one seat) to 2.6 x 0.85 x 1.0;
+beds from 0.9 x 0.9 x 2.0 to 1.9 x 1.2 x 2.15; cabinets from 0.45 x 0.6 x 0.4 (bedside) to 1.5 x 2.1 x 0.6 (wardrobe);
+bookshelves from 0.6 x 0.9 x 0.3 to 1.6 x 2.1 x 0.35; displays from 0.45 x 0.4 x 0.15 (20 inches) to 1.45 x 0.85 x 0.1
+(65 inches); bathtubs from 1.4 x 0.55 x 0.7 to 1.9 x 0.65 x 0.9; bins from 0.25 x 0.3 x 0.25 (office) to
+0.6 x 1.05 x 0.75 (wheeled)."""
 
 _PLAUSIBLE = {"chair": (0.4, 4.0), "table": (0.4, 4.0), "car": (3.0, 8.0)}
 """Diagonals beyond these are no metric size of the category, whatever their source says."""
 _PLAUSIBLE_ANYTHING = (0.05, 30.0)
-_USUAL_COUNT = 10
+_MOST = 10.0
+"""Meshes that the usual sizes count as, and that no source counts more than: a generator's spread is its author's."""
 
 
-def size_statistics(category: str, extents: Sequence[tuple[float, float, float]]) -> tuple[float, float, str]:
+def size_statistics(
+    category: str, extents: Sequence[tuple[float, float, float]], sources: Sequence[str] | None = None
+) -> tuple[float, float, str]:
     """Geometric mean and log-deviation of the diagonal, and a sentence on where they come from.
 
-    Metric originals are counted one each, the table of usual sizes as ten; without either the size is left wide.
+    `extents` are those of metric originals, metres, which are from `sources` (left out: each from its own). Without any, and
+    without usual sizes of the category, the size is left wide.
     """
+    sources = [str(i) for i in range(len(extents))] if sources is None else sources
     diagonals = np.array([np.linalg.norm(extent) for extent in extents])
     low, high = _PLAUSIBLE.get(category, _PLAUSIBLE_ANYTHING)
-    logs = np.log(diagonals[(diagonals > low) & (diagonals < high)])
+    good = (diagonals > low) & (diagonals < high)
+    counts = Counter(source for source, is_good in zip(sources, good, strict=True) if is_good)
+    logs = np.log(diagonals[good])
+    weights = np.array(
+        [min(1.0, _MOST / counts[s]) for s, is_good in zip(sources, good, strict=True) if is_good]
+    )
     known = USUAL.get(category)
     if known is None and len(logs) < 3:
         return 1.0, 0.5, "unknown: too few metric meshes; a wide guess"
-    prior_mean, prior_sigma, count = (np.log(known[0]), known[1], _USUAL_COUNT) if known else (0.0, 0.0, 0)
-    total = count + len(logs)
-    mean = (count * prior_mean + logs.sum()) / total
-    variance = (count * (prior_sigma**2 + (prior_mean - mean) ** 2) + ((logs - mean) ** 2).sum()) / total
-    source = f"{len(logs)} metric meshes" + (f" and usual dimensions counted as {count}" if known else "")
-    return float(np.exp(mean)), float(np.sqrt(variance)), source
+    usual, sigma, count = (np.log(known[0]), known[1], _MOST) if known else (0.0, 0.0, 0.0)
+    total = count + weights.sum()
+    mean = (count * usual + weights @ logs) / total
+    variance = (count * (sigma**2 + (usual - mean) ** 2) + weights @ (logs - mean) ** 2) / total
+    words = f"{len(logs)} metric meshes of {len(counts)} sources, each counted as {_MOST:g} at most"
+    return (
+        float(np.exp(mean)),
+        float(np.sqrt(variance)),
+        words + (", and usual dimensions as so many" if known else ""),
+    )

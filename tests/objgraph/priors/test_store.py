@@ -222,6 +222,10 @@ def test_size_statistics() -> None:
     )
     assert mean == pytest.approx(1.0)
     assert sigma == pytest.approx(np.log(2) * np.sqrt(2 / 3))
+    # many of one source count as ten
+    many, few = [(2.0, 0.0, 0.0)] * 500, [(1.0, 0.0, 0.0)] * 10
+    mean, sigma, _ = size_statistics("lamp", many + few, ["generator"] * 500 + ["shop"] * 10)
+    assert (mean, sigma) == pytest.approx((np.sqrt(2), np.log(2) / 2))
     assert size_statistics("lamp", [])[1] >= 0.5
     # a model car of half a metre says nothing about cars
     assert size_statistics("car", [(0.2, 0.2, 0.4)])[:2] == pytest.approx(USUAL["car"])
