@@ -19,15 +19,15 @@ from objgraph.training.report import document, table
 
 @dataclass(frozen=True)
 class EvaluatePriorCommand:
-    """Measure a shape prior on a folder of meshes.
+    """Measure a shape prior on folders of meshes.
 
     Meshes have y up and the front at -z; they are centred on their bounding box and scaled to a diagonal of 1.
     """
 
     category: str
     """Category of the meshes."""
-    meshes: Path
-    """Folder of ply, obj, stl, off or glb files, at any depth; or one with an index.json."""
+    meshes: tuple[Path, ...]
+    """Folders of ply, obj, stl, off or glb files, at any depth; or of such with an index.json."""
     json: Path
     """File for the numbers."""
     prior: Path | None = None

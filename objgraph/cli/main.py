@@ -58,7 +58,7 @@ def _priors(arguments: list[str], console: "Console") -> None:
 
 
 def _evaluate_prior(arguments: list[str], console: "Console") -> None:
-    """Measure a shape prior on a folder of meshes: the best code of each, given all of it and given one view."""
+    """Measure a shape prior on folders of meshes: the best code of each, given all of it and given one view."""
     from objgraph.cli.evaluate_prior import EvaluatePriorCommand, run_evaluate_prior
 
     run_evaluate_prior(_parsed(EvaluatePriorCommand, "evaluate-prior", arguments), console)

@@ -167,7 +167,7 @@ def _rows(
     prior: ShapePrior, meshes: ChosenMeshes, config: PriorEvaluationConfig, jobs: int
 ) -> Iterator[ShapeRow]:
     """The rows, in the order in which they are done."""
-    tasks = [(prior, meshes.folder / name, name, config) for name in meshes.names]
+    tasks = [(prior, path, name, config) for path, name in zip(meshes.paths, meshes.names, strict=True)]
     if jobs == 1:
         for task in tasks:
             yield evaluate_mesh(*task)

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from dataclasses import asdict, replace
 from importlib.metadata import version
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn, TimeRemainingColumn
@@ -20,6 +21,9 @@ from objgraph.training.size import size_statistics
 from objgraph.training.train import TrainConfig, Trained, load_trained, train
 
 log = logging.getLogger(__name__)
+
+_FEW = 12
+"""Meshes that an attribution names one by one."""
 
 
 def train_command(config: TrainConfig) -> Path:
@@ -105,7 +109,7 @@ def make_prior(config: TrainConfig, corpus: Corpus, trained: Trained) -> ShapePr
     card = {
         "stands": config.stands,
         "data": {
-            "collected": [_entry(entry) for entry in corpus.used],
+            "collected": _attributed(corpus.used),
             "licences": sorted({entry.licence for entry in corpus.used}),
             "procedural": config.corpus.procedural,
             "training_shapes": len(corpus.training),
@@ -156,13 +160,18 @@ def _summary(errors: Sequence[FitError]) -> dict[str, float | int | None]:
     }
 
 
-def _entry(entry: CadMesh) -> dict[str, str]:
-    return {
-        "file": entry.file,
-        "licence": entry.licence,
-        "attribution": entry.attribution,
-        "source": entry.source,
-    }
+def _attributed(meshes: Sequence[CadMesh]) -> list[dict[str, Any]]:
+    """What is owed to whom, each with the meshes that it is owed for; a generator's once for all."""
+    files: dict[tuple[str, str, str], list[str]] = {}
+    generated: dict[str, str] = {}
+    for mesh in meshes:
+        by_people = mesh.maker == "people"
+        words = mesh.attribution if by_people else generated.setdefault(mesh.source, mesh.attribution)
+        files.setdefault((mesh.source, mesh.licence, words), []).append(mesh.file)
+    return [
+        {"source": source, "licence": licence, "attribution": words, "files": sorted(names)}
+        for (source, licence, words), names in sorted(files.items())
+    ]
 
 
 def attribution(priors: Sequence[ShapePrior]) -> str:
@@ -172,17 +181,23 @@ def attribution(priors: Sequence[ShapePrior]) -> str:
         "warped, and on procedural meshes. The meshes themselves are not distributed.",
         "Licences: CC BY 4.0 https://creativecommons.org/licenses/by/4.0/ - CC BY 3.0",
         "https://creativecommons.org/licenses/by/3.0/ - CC0 1.0 https://creativecommons.org/publicdomain/zero/1.0/",
-        "- MIT-0 https://opensource.org/license/mit-0 - Apache-2.0 https://www.apache.org/licenses/LICENSE-2.0",
+        "- MIT-0 https://opensource.org/license/mit-0 - MIT https://opensource.org/license/mit - BSD-3-Clause",
+        "https://opensource.org/license/bsd-3-clause - Apache-2.0 https://www.apache.org/licenses/LICENSE-2.0",
         "",
     ]
     for prior in priors:
-        by_source: dict[tuple[str, str], list[str]] = {}
-        for entry in prior.card["data"]["collected"]:
-            by_source.setdefault((entry["source"], entry["licence"]), []).append(
-                f"  {entry['file']}: {entry['attribution']}"
-            )
         lines.append(f"{prior.category}.safetensors")
-        for (source, licence), items in sorted(by_source.items()):
-            lines += [f" {source} ({licence})", *sorted(items)]
+        owed = prior.card["data"]["collected"]
+        for source, licence in sorted({(entry["source"], entry["licence"]) for entry in owed}):
+            lines.append(f" {source} ({licence})")
+            for entry in owed:
+                if (entry["source"], entry["licence"]) == (source, licence):
+                    names = entry["files"]
+                    which = (
+                        ", ".join(names)
+                        if len(names) <= _FEW
+                        else f"{len(names)} meshes, {names[0]} to {names[-1]}"
+                    )
+                    lines.append(f"  {which}: {entry['attribution']}")
         lines.append("")
     return "\n".join(lines)

@@ -1,11 +1,12 @@
-"""Which meshes of a folder a prior is evaluated on."""
+"""Which meshes of some folders a prior is evaluated on."""
 
 import json
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-from objgraph.errors import EvaluationError
+from objgraph.errors import EvaluationError, PriorError
 from objgraph.priors.shape_prior import ShapePrior
 from objgraph.training.index import read_index
 from objgraph.training.mesh_files import SUFFIXES, list_meshes
@@ -17,21 +18,50 @@ Choice = Literal["heldout", "all", "default"]
 class ChosenMeshes:
     """Mesh files, and in words which they are."""
 
-    folder: Path
+    folders: tuple[Path, ...]
     names: tuple[str, ...]
-    """Relative to the folder."""
+    """Relative to their folder, after the name of which where there are several."""
+    paths: tuple[Path, ...]
     chosen: str
 
 
-def choose_meshes(folder: Path, category: str, prior: ShapePrior, choice: Choice = "default") -> ChosenMeshes:
-    """All meshes of a folder, or what its `index.json` lists for the category, or what the prior has not seen of that.
+def choose_meshes(
+    folders: Sequence[Path], category: str, prior: ShapePrior, choice: Choice = "default"
+) -> ChosenMeshes:
+    """All meshes of folders, or what each's `index.json` lists for the category, or what the prior has not seen of that.
 
-    By default those that the prior's card names as held out, where the index has any of them; else all.
+    By default those that the prior's card names as held out, where an index has any of them; else all. One that lists none of
+    the category is passed over, if another does.
 
     Raises:
-        EvaluationError: there is no such folder, it has no mesh, or nothing in it is held out though asked for.
-        PriorError: its index is damaged or has no mesh of the category.
+        EvaluationError: there is no such folder, it has no mesh, nothing is held out though asked for, or two folders of one
+            name have meshes of one name.
+        PriorError: an index is damaged or none has a mesh of the category.
     """
+    parts, missing = [], []
+    for folder in folders:
+        try:
+            parts.append(_of_folder(folder, category, prior, choice))
+        except PriorError as error:
+            if len(folders) == 1:
+                raise
+            missing.append(error)
+    if not parts:
+        raise missing[0]
+    several = len(folders) > 1
+    paths = tuple(folder / name for folder, names, _ in parts for name in names)
+    labels = tuple(
+        f"{folder.name}/{name}" if several else name for folder, names, _ in parts for name in names
+    )
+    if len(set(labels)) < len(labels):
+        raise EvaluationError(f"{', '.join(map(str, folders))}: rename one, their meshes have the same names")
+    return ChosenMeshes(tuple(folders), labels, paths, "; ".join(dict.fromkeys(words for *_, words in parts)))
+
+
+def _of_folder(
+    folder: Path, category: str, prior: ShapePrior, choice: Choice
+) -> tuple[Path, tuple[str, ...], str]:
+    """The folder, its meshes, and in words which they are."""
     if not folder.is_dir():
         raise EvaluationError(f"{folder} is no folder: give one that holds meshes ({', '.join(SUFFIXES)})")
     if not (folder / "index.json").is_file():
@@ -40,9 +70,7 @@ def choose_meshes(folder: Path, category: str, prior: ShapePrior, choice: Choice
             raise EvaluationError(f"{folder} holds no mesh ({', '.join(SUFFIXES)}), nor an index.json")
         if choice == "heldout":
             raise EvaluationError(f"{folder} has no index.json that would tell which meshes are held out")
-        return ChosenMeshes(
-            folder, tuple(names), "every mesh file in the folder, or in its subfolder of that name"
-        )
+        return folder, tuple(names), "every mesh file in the folder, or in its subfolder of that name"
     listed = [entry.file for entry in read_index(folder, category)]
     held = _held_out(prior.card)
     unseen = tuple(name for name in listed if name in held)
@@ -52,8 +80,8 @@ def choose_meshes(folder: Path, category: str, prior: ShapePrior, choice: Choice
             f"give --all, or the prior that was trained on this folder"
         )
     if choice == "all" or not unseen:
-        return ChosenMeshes(folder, tuple(listed), f"every {category} of index.json")
-    return ChosenMeshes(folder, unseen, f"the {category} meshes of index.json that training held out")
+        return folder, tuple(listed), f"every {category} of index.json"
+    return folder, unseen, f"the {category} meshes of index.json that training held out"
 
 
 def _held_out(card: dict[str, Any]) -> set[str]:

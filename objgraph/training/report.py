@@ -34,7 +34,7 @@ def document(
         "category": prior.category,
         **summary(rows),
         "prior": {"file": prior_file, "sha256": prior.card.get("sha256")},
-        "meshes": {"folder": str(meshes.folder), "chosen": meshes.chosen},
+        "meshes": {"folders": [str(folder) for folder in meshes.folders], "chosen": meshes.chosen},
         "measured": MEASURED,
         "seed": config.seed,
         "settings": asdict(config),

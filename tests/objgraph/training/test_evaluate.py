@@ -44,7 +44,7 @@ def folder(tmp_path):
 @pytest.fixture
 def rows(folder):
     prior = box_prior()
-    return evaluate_meshes(prior, choose_meshes(folder, "chair", prior), QUICK)
+    return evaluate_meshes(prior, choose_meshes([folder], "chair", prior), QUICK)
 
 
 def test_boxes_come_out_and_the_broken_file_is_a_failure(rows):
@@ -80,7 +80,7 @@ def test_a_partial_fit_that_fails_leaves_the_full_one(folder, monkeypatch):
 
     monkeypatch.setattr("objgraph.training.evaluate.take_view", refuse)
     prior = box_prior()
-    row = evaluate_meshes(prior, choose_meshes(folder, "chair", prior), QUICK)[0]
+    row = evaluate_meshes(prior, choose_meshes([folder], "chair", prior), QUICK)[0]
     assert row.chamfer is not None
     assert row.chamfer_partial is None
     assert row.error == "from one view: nothing of it is seen"
@@ -94,7 +94,7 @@ def test_any_error_of_a_mesh_is_that_meshs_failure(folder, monkeypatch):
 
     monkeypatch.setattr("objgraph.training.evaluate.full_code", break_down)
     prior = box_prior()
-    rows = evaluate_meshes(prior, choose_meshes(folder, "chair", prior), QUICK)
+    rows = evaluate_meshes(prior, choose_meshes([folder], "chair", prior), QUICK)
     assert rows[0].error == "ZeroDivisionError: halves of nothing"
     assert len(rows) == 3
 
@@ -104,7 +104,7 @@ def test_the_document_has_its_keys_and_is_json(folder, rows, tmp_path):
     found = document(
         prior,
         "box.safetensors",
-        choose_meshes(folder, "chair", prior),
+        choose_meshes([folder], "chair", prior),
         rows,
         QUICK,
         check_random_codes(prior, 20),
@@ -192,7 +192,7 @@ def test_random_codes_without_a_surface_are_failures():
 def test_jobs_give_what_one_process_gives(tmp_path):
     (tmp_path / "a.obj").write_text("no mesh\n")
     prior = box_prior()
-    meshes = choose_meshes(tmp_path, "chair", prior)
+    meshes = choose_meshes([tmp_path], "chair", prior)
     assert evaluate_meshes(prior, meshes, QUICK, jobs=2) == evaluate_meshes(prior, meshes, QUICK)
 
 
@@ -210,20 +210,37 @@ def index(folder, files):
 def test_an_index_and_the_card_choose(folder):
     index(folder, [("box.ply", "chair"), ("deeper/soup.stl", "chair"), ("broken.obj", "table")])
     plain, trained = box_prior(), box_prior(heldout={"collected": ["box.ply", "elsewhere.ply"]})
-    assert choose_meshes(folder, "chair", plain).names == ("box.ply", "deeper/soup.stl")
-    held = choose_meshes(folder, "chair", trained)
+    assert choose_meshes([folder], "chair", plain).names == ("box.ply", "deeper/soup.stl")
+    held = choose_meshes([folder], "chair", trained)
     assert held.names == ("box.ply",)
     assert "held out" in held.chosen
-    assert choose_meshes(folder, "chair", trained, "all").names == ("box.ply", "deeper/soup.stl")
+    assert choose_meshes([folder], "chair", trained, "all").names == ("box.ply", "deeper/soup.stl")
     with pytest.raises(EvaluationError, match="lists no chair that the prior's card names"):
-        choose_meshes(folder, "chair", plain, "heldout")
+        choose_meshes([folder], "chair", plain, "heldout")
     with pytest.raises(PriorError, match="no mesh of category 'car'"):
-        choose_meshes(folder, "car", plain)
+        choose_meshes([folder], "car", plain)
+
+
+def test_several_folders(folder, tmp_path):
+    other = tmp_path / "other"
+    other.mkdir()
+    (other / "box.ply").write_bytes((folder / "box.ply").read_bytes())
+    index(other, [("box.ply", "chair")])
+    index(folder, [("box.ply", "chair"), ("deeper/soup.stl", "table")])
+    chosen = choose_meshes([folder, other], "chair", box_prior())
+    assert chosen.names == (f"{folder.name}/box.ply", "other/box.ply")
+    assert chosen.paths == (folder / "box.ply", other / "box.ply")
+    # the other lists no table
+    assert choose_meshes([other, folder], "table", box_prior()).paths == (folder / "deeper/soup.stl",)
+    with pytest.raises(EvaluationError, match="the same names"):
+        choose_meshes([folder, folder], "chair", box_prior())
+    with pytest.raises(PriorError, match="no mesh of category 'car'"):
+        choose_meshes([folder, other], "car", box_prior())
 
 
 def test_a_folder_without_index_cannot_tell_what_is_held_out(folder):
     with pytest.raises(EvaluationError, match=r"no index\.json"):
-        choose_meshes(folder, "chair", box_prior(), "heldout")
+        choose_meshes([folder], "chair", box_prior(), "heldout")
 
 
 @pytest.mark.parametrize(
