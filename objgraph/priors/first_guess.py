@@ -1,8 +1,9 @@
 """A network that says, of the points seen of an object, how it may stand, how large and of what shape it is.
 
-Of each of four headings, quarter turns of the seen box, it looks at the points as they would lie in the object's own frame
-(Qi et al., "PointNet", CVPR 2017) and gives the heading's likelihood and a Gaussian of the heading within the quarter, the
-centre, the scale and the code. It is trained on rendered views of the prior's shapes (`objgraph.training.train_guess`).
+Of each of four headings, quarter turns of the seen box, it looks at the points as they would lie in the object's own frame.
+One PointNet (Qi et al., CVPR 2017) gives the heading's likelihood, another a Gaussian of the heading within the quarter, the
+centre, the scale and the code: in one network the Gaussian's steep gradients drown the heading's. They are trained on rendered
+views of the prior's shapes (`objgraph.training.train_guess`).
 """
 
 from dataclasses import dataclass
@@ -30,10 +31,12 @@ class FirstGuessConfig:
     """Points seen on the object that it takes."""
     free: int = 128
     """Points seen to be empty that it takes."""
-    width: int = 256
-    """Of what is known of each point."""
-    hidden: int = 384
-    """Of what is known of all."""
+    heading_width: int = 128
+    """Of what the network of headings knows of each point."""
+    place_width: int = 256
+    """Of what that of places and codes does."""
+    hidden: int = 256
+    """Of what either knows of all points."""
 
 
 @dataclass(frozen=True)
@@ -53,23 +56,47 @@ class FirstGuess(nn.Module):
     def __init__(self, config: FirstGuessConfig | None = None) -> None:
         super().__init__()
         self.config = config = config or FirstGuessConfig()
-        w, h = config.width, config.hidden
-        self.each = nn.Sequential(
-            nn.Linear(FEATURES, w // 4), nn.ReLU(), nn.Linear(w // 4, w // 2), nn.ReLU(), nn.Linear(w // 2, w), nn.ReLU()
-        )  # fmt: skip
-        self.all = nn.Sequential(nn.Linear(2 * w + 3, h), nn.ReLU(), nn.Linear(h, h), nn.ReLU())
-        self.out = nn.Linear(h, 1 + 2 * (PLACE + config.code_length))
+        self.heading = PointNet(config.heading_width, config.hidden, 1)
+        self.place = PointNet(config.place_width, config.hidden, 2 * (PLACE + config.code_length))
 
     def forward(self, points: Float[Tensor, "b p 8"], size: Float[Tensor, "b 3"]) -> Guesses:
         """Of points in the frames of their seen boxes, and the boxes' edges, in units."""
-        turned = torch.stack([quarter_turned(points, k) for k in range(QUARTERS)], dim=1)
-        edges = torch.stack([size if k % 2 == 0 else size[:, [2, 1, 0]] for k in range(QUARTERS)], dim=1)
-        each = self.each(turned)
-        seen = torch.cat([each.amax(dim=2), each.mean(dim=2), edges.log().to(each.dtype)], dim=-1)
-        out = self.out(self.all(seen)).float()
-        logit, rest = out[..., 0], out[..., 1:]
-        mean, spread = rest.chunk(2, dim=-1)
-        return Guesses(logit.log_softmax(dim=-1), mean, spread.clamp(*_LOG_SIGMA))
+        turned = [seen_in_quarter(points, size, k) for k in range(QUARTERS)]
+        logits = torch.cat([self.heading(*each) for each in turned], dim=-1)
+        places = torch.stack([self.place(*each) for each in turned], dim=1)
+        return Guesses(logits.log_softmax(dim=-1), *gaussian(places))
+
+
+class PointNet(nn.Module):
+    """Of a set of points and the edges of their box, some numbers."""
+
+    def __init__(self, width: int, hidden: int, out: int) -> None:
+        super().__init__()
+        self.each = nn.Sequential(
+            nn.Linear(FEATURES, width // 4), nn.ReLU(), nn.Linear(width // 4, width // 2), nn.ReLU(),
+            nn.Linear(width // 2, width), nn.ReLU(),
+        )  # fmt: skip
+        self.all = nn.Sequential(
+            nn.Linear(2 * width + 3, hidden), nn.ReLU(), nn.Linear(hidden, hidden), nn.ReLU(), nn.Linear(hidden, out)
+        )  # fmt: skip
+
+    def forward(self, points: Float[Tensor, "b p 8"], size: Float[Tensor, "b 3"]) -> Float[Tensor, "b o"]:
+        each = self.each(points)
+        seen = torch.cat([each.amax(dim=1), each.mean(dim=1), size.log().to(each.dtype)], dim=-1)
+        return self.all(seen).float()
+
+
+def gaussian(said: Float[Tensor, "*b 2*n"]) -> tuple[Float[Tensor, "*b n"], Float[Tensor, "*b n"]]:
+    """Mean and logarithm of the standard deviation."""
+    mean, log_sigma = said.chunk(2, dim=-1)
+    return mean, log_sigma.clamp(*_LOG_SIGMA)
+
+
+def seen_in_quarter(
+    points: Float[Tensor, "b p 8"], size: Float[Tensor, "b 3"], quarters: int
+) -> tuple[Float[Tensor, "b p 8"], Float[Tensor, "b 3"]]:
+    """Clouds, and the edges of their boxes, in the frame that is turned by so many quarters."""
+    return quarter_turned(points, quarters), size if quarters % 2 == 0 else size[:, [2, 1, 0]]
 
 
 def quarter_turned(points: Float[Tensor, "... 8"], quarters: int) -> Float[Tensor, "... 8"]:

@@ -7,10 +7,18 @@ from pathlib import Path
 import numpy as np
 import torch
 from jaxtyping import Float
+from numpy.random import Generator
 from torch import Tensor
 
 from objgraph.errors import PriorError
-from objgraph.priors.first_guess import PLACE, FirstGuess, FirstGuessConfig, Guesses
+from objgraph.priors.first_guess import (
+    PLACE,
+    QUARTERS,
+    FirstGuess,
+    FirstGuessConfig,
+    gaussian,
+    seen_in_quarter,
+)
 from objgraph.priors.tensors import load_tensors, save_tensors
 from objgraph.training.guess_data import TURNS, Batch, Draws, batch
 
@@ -34,15 +42,22 @@ class TrainGuessConfig:
 
 
 def loss(
-    guesses: Guesses, wanted: Batch, codes: Float[Tensor, "b l"], code_weight: float
+    network: FirstGuess, wanted: Batch, codes: Float[Tensor, "b l"], code_weight: float, rng: Generator
 ) -> Float[Tensor, ""]:
-    """Negative log-likelihood of headings, and of place and code at those that are right."""
-    heading = -(wanted.weight * guesses.log_probability).sum(dim=1)
-    code = codes[:, None].expand(-1, wanted.weight.shape[1], -1)
-    off = (torch.cat([wanted.place, code], dim=-1) - guesses.mean) * torch.exp(-guesses.log_sigma)
-    nll = 0.5 * off.square() + guesses.log_sigma
-    each = nll[..., :PLACE].sum(dim=-1) + code_weight * nll[..., PLACE:].sum(dim=-1)
-    return (heading + (wanted.weight * each).sum(dim=1)).mean()
+    """Negative log-likelihood of headings, and of place and code at one that is right."""
+    turned = [seen_in_quarter(wanted.points, wanted.size, k) for k in range(QUARTERS)]
+    points, size = (torch.stack(each, dim=1) for each in zip(*turned, strict=True))
+    logits = network.heading(points.flatten(0, 1), size.flatten(0, 1)).view(-1, QUARTERS)
+    heading = -(wanted.weight * logits.log_softmax(dim=1)).sum(dim=1).mean()
+    each = torch.arange(len(codes))
+    chances = wanted.weight.double().cumsum(dim=1).numpy()
+    quarter = torch.from_numpy((rng.random((len(codes), 1)) > chances / chances[:, -1:]).sum(axis=1))
+    mean, log_sigma = gaussian(network.place(points[each, quarter], size[each, quarter]))
+    off = (torch.cat([wanted.place[each, quarter], codes], dim=-1) - mean) * torch.exp(-log_sigma)
+    nll = 0.5 * off.square() + log_sigma
+    weights = torch.ones(nll.shape[1])
+    weights[PLACE:] = code_weight
+    return heading + (nll @ weights).mean()
 
 
 def train_guess(
@@ -74,12 +89,13 @@ def train_guess(
             * (1 + np.cos(np.pi * step / config.steps))
         )
         wanted = batch(draws, rng.integers(len(draws), size=config.batch).tolist(), unit, config.network, rng)
+        given = torch.from_numpy(codes[wanted.shape]).float()
         with torch.autocast("cpu", dtype=torch.bfloat16, enabled=config.half_precision):
-            guesses = network(wanted.points, wanted.size)
-        value = loss(guesses, wanted, torch.from_numpy(codes[wanted.shape]).float(), config.code_weight)
+            value = loss(network, wanted, given, config.code_weight, rng)
         optimizer.zero_grad(set_to_none=True)
         value.backward()
-        torch.nn.utils.clip_grad_norm_(network.parameters(), 10.0)
+        for part in (network.heading, network.place):
+            torch.nn.utils.clip_grad_norm_(part.parameters(), 10.0)
         optimizer.step()
         decay = min(0.998, (step + 1) / (step + 10))
         for name, tensor in network.state_dict().items():

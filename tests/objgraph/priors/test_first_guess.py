@@ -62,7 +62,7 @@ def test_a_turned_cloud_lies_in_the_quarters_frame(quarter: int, seed: int) -> N
 def test_turning_what_is_seen_turns_the_headings() -> None:
     rng, config = (
         np.random.default_rng(0),
-        FirstGuessConfig(code_length=4, surface=20, free=10, width=16, hidden=16),
+        FirstGuessConfig(code_length=4, surface=20, free=10, heading_width=16, place_width=16, hidden=16),
     )
     torch.manual_seed(0)
     network = FirstGuess(config)
@@ -77,7 +77,7 @@ def test_turning_what_is_seen_turns_the_headings() -> None:
 def test_the_order_of_points_says_nothing() -> None:
     rng, config = (
         np.random.default_rng(1),
-        FirstGuessConfig(code_length=4, surface=20, free=10, width=16, hidden=16),
+        FirstGuessConfig(code_length=4, surface=20, free=10, heading_width=16, place_width=16, hidden=16),
     )
     network, points, size = FirstGuess(config), random_cloud(rng, config), torch.ones(1, 3)
     with torch.no_grad():
