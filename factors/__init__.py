@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from factors.base import Annealing, ObservationFactor
     from factors.batch import prefetch
-    from factors.code_mixture import CodeKinds, code_mixture
     from factors.decoder import Decoder, DecoderConfig
     from factors.depth import DepthFactor, RaySampling
     from factors.errors import FactorError, NotFiniteError, ObjectGraphError
@@ -25,7 +24,6 @@ if TYPE_CHECKING:
 
 __all__ = [
     "Annealing",
-    "CodeKinds",
     "Decoder",
     "DecoderConfig",
     "DepthFactor",
@@ -46,7 +44,6 @@ __all__ = [
     "SdfDecoder",
     "SurfaceFactor",
     "Weighting",
-    "code_mixture",
     "code_prior",
     "energy_score",
     "floor_share",
@@ -61,7 +58,6 @@ __all__ = [
 _HOMES = {
     "factors.base": "Annealing ObservationFactor",
     "factors.batch": "prefetch",
-    "factors.code_mixture": "CodeKinds code_mixture",
     "factors.decoder": "Decoder DecoderConfig",
     "factors.depth": "DepthFactor RaySampling",
     "factors.errors": "FactorError NotFiniteError ObjectGraphError",

@@ -10,7 +10,7 @@ from factors.state import ObjectKeys
 def code_prior(
     keys: ObjectKeys, mean: Float[np.ndarray, "l"], covariance: Float[np.ndarray, "l l"]
 ) -> gtsam.NonlinearFactor:
-    """The code is distributed as the training codes were: as one Gaussian (`code_mixture`: as many)."""
+    """The code is distributed as the training codes were."""
     return gtsam.PriorFactorVector(
         keys.code,
         np.asarray(mean, float),

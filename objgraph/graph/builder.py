@@ -9,7 +9,6 @@ import numpy as np
 from jaxtyping import Float
 
 from factors.base import ObservationFactor
-from factors.code_mixture import code_mixture
 from factors.depth import DepthFactor, RaySampling
 from factors.filled_box import FilledBoxFactor
 from factors.floor import SPACING, FloorFactor, floor_share
@@ -44,9 +43,6 @@ class GraphConfig:
     """Independent measurements that a cube (`correlation_length`) of seen surface counts for, in each of the two factors of a view."""
     anisotropy_sigma: float = 0.1
     """Standard deviation of each axis' log-scale about their mean: the code, not the scale, stretches shapes."""
-    code_spread: float = 3.0
-    """Factor on the code prior's standard deviations: a Gaussian through several kinds of shapes is dense between
-    them, at shapes of no kind (a table without legs), and would hold codes there."""
     upright_sigma: float = 0.03
     """Radians by which an object that stands on the floor may lean, about each level axis."""
     floor_sigma: float = 0.01
@@ -99,11 +95,8 @@ class ObjectBuilder:
     ) -> list[gtsam.NonlinearFactor]:
         """What is known of code and scale, of the lean where up is known, and what a detector's box says."""
         anisotropy = prior.anisotropy_sigma or self.config.anisotropy_sigma
-        spread = self.config.code_spread**2 * np.asarray(prior.code_covariance)
         factors = [
-            code_prior(keys, prior.code_mean, spread)
-            if prior.kinds is None
-            else code_mixture(keys, prior.kinds, prior.code_mean, spread),
+            code_prior(keys, prior.code_mean, prior.code_covariance),
             scale_prior(keys, np.log(prior.size_mean), prior.size_log_sigma, anisotropy),
         ]
         if self.up_world is not None:

@@ -9,7 +9,6 @@ import numpy as np
 from jaxtyping import Float
 from numpy.random import Generator
 
-from factors.code_mixture import OTHERS, CodeKinds
 from factors.rays import BOX_HALF_SIZE
 from factors.sdf_decoder import SdfDecoder
 from objgraph.errors import SolveError
@@ -34,7 +33,7 @@ class ShapePrior:
     code_mean: Float[np.ndarray, "l"]
     """Of the training codes."""
     code_covariance: Float[np.ndarray, "l l"]
-    """Of the training codes, or for shapes of none of the `kinds`."""
+    """Of the training codes."""
     residual_sigma: float
     """Standard deviation of the decoder's SDF error near unseen surfaces, in canonical units."""
     size_mean: float
@@ -43,8 +42,6 @@ class ShapePrior:
     """Standard deviation of the logarithm of that diagonal."""
     card: dict[str, Any] = field(default_factory=dict)
     """The model card: data, licences, frame, training settings, measured errors, hash."""
-    kinds: CodeKinds | None = None
-    """Where the codes of most shapes are: about those of known ones; None where that is not known."""
     prototypes: Float[np.ndarray, "k l"] | None = None
     """Codes of typical training shapes that differ: where a fit may start beside the mean."""
     anisotropy_sigma: float | None = None
@@ -85,12 +82,8 @@ class ShapePrior:
         whitened = rng.normal(size=(count, len(self.code_mean)))
         while within is not None and (beyond := np.abs(whitened) > within).any():
             whitened[beyond] = rng.normal(size=np.count_nonzero(beyond))
-        codes = self.code_mean + _coloured(whitened, self.code_covariance)
-        if self.kinds is not None:
-            known = np.flatnonzero(rng.random(count) >= OTHERS)
-            means = self.kinds.means[rng.integers(len(self.kinds.means), size=len(known))]
-            codes[known] = means + _coloured(whitened[known], self.kinds.covariance)
-        return codes
+        variances, axes = np.linalg.eigh(np.asarray(self.code_covariance, float))
+        return self.code_mean + whitened * np.sqrt(np.maximum(variances, 0.0)) @ axes.T
 
     @cached_property
     def starts(self) -> Float[np.ndarray, "k l"]:
@@ -109,11 +102,3 @@ class ShapePrior:
             with suppress(SolveError):
                 extents[i] = extract_mesh(self.decoder, code, resolution=32).extents
         return extents
-
-
-def _coloured(
-    whitened: Float[np.ndarray, "n l"], covariance: Float[np.ndarray, "l l"]
-) -> Float[np.ndarray, "n l"]:
-    """Independent unit deviations made those of a covariance, each along one of its axes."""
-    variances, axes = np.linalg.eigh(np.asarray(covariance, float))
-    return whitened * np.sqrt(np.maximum(variances, 0.0)) @ axes.T

@@ -9,7 +9,6 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from factors.code_mixture import CodeKinds
 from factors.decoder import Decoder, DecoderConfig
 from factors.deepsdf import DeepSdfConfig, DeepSdfDecoder
 from factors.errors import FactorError
@@ -32,11 +31,6 @@ def save_prior(prior: ShapePrior, path: Path) -> None:
     tensors = {f"decoder.{name}": value for name, value in prior.decoder.state_dict().items()}
     tensors["code_mean"] = torch.from_numpy(np.asarray(prior.code_mean, np.float64))
     tensors["code_covariance"] = torch.from_numpy(np.asarray(prior.code_covariance, np.float64))
-    if prior.kinds is not None:
-        tensors |= {
-            f"kinds.{name}": torch.from_numpy(np.asarray(value, np.float32))
-            for name, value in prior.kinds._asdict().items()
-        }
     if prior.prototypes is not None:
         tensors["prototypes"] = torch.from_numpy(np.asarray(prior.prototypes, np.float64))
     if prior.box is not None:
@@ -85,7 +79,6 @@ def load_prior_file(path: Path) -> ShapePrior:
             guess = FirstGuess(FirstGuessConfig(**header["guess"])).requires_grad_(False).eval()
             guess.load_state_dict(_part(tensors, "guess."))
         mean, covariance = tensors["code_mean"].numpy(), tensors["code_covariance"].numpy()
-        kinds = {name: value.double().numpy() for name, value in _part(tensors, "kinds.").items()}
         prototypes = tensors["prototypes"].numpy() if "prototypes" in tensors else None
         box = tensors["box"].numpy() if "box" in tensors else None
         numbers = [float(header[key]) for key in ("residual_sigma", "size_mean", "size_log_sigma")]
@@ -102,8 +95,6 @@ def load_prior_file(path: Path) -> ShapePrior:
         raise PriorError(f"{path}: the box {box} is not three positive edges")
     if guess is not None and guess.config.code_length != length:
         raise PriorError(f"{path}: its first guess is of codes of another length than its decoder's {length}")
-    if kinds:
-        fit &= kinds["means"].shape[1:] == (length,) and kinds["covariance"].shape == (length, length)
     if not fit or (prototypes is not None and prototypes.shape[1:] != (length,)):
         raise PriorError(
             f"{path}: code statistics of shapes {mean.shape} and {covariance.shape} do not fit a decoder of "
@@ -112,7 +103,6 @@ def load_prior_file(path: Path) -> ShapePrior:
     arrays = [
         mean,
         covariance,
-        *kinds.values(),
         *([] if prototypes is None else [prototypes]),
         *([] if box is None else [box]),
         numbers,
@@ -133,7 +123,6 @@ def load_prior_file(path: Path) -> ShapePrior:
         covariance,
         *numbers,
         card=card,
-        kinds=CodeKinds(**kinds) if kinds else None,
         prototypes=prototypes,
         anisotropy_sigma=anisotropy,
         box=box,

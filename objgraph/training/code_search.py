@@ -6,9 +6,7 @@ from typing import NamedTuple
 import numpy as np
 import torch
 from jaxtyping import Bool, Float, Int
-from scipy.spatial import cKDTree
 
-from factors.code_mixture import OTHERS
 from factors.sdf_decoder import SdfDecoder
 from objgraph.priors.shape_prior import ShapePrior
 from objgraph.training.samples import SdfSamples
@@ -57,54 +55,19 @@ class CodeRows:
         return self.points, self.target, self.deviation, self.weight, self.one_sided
 
 
-class CodePrior:
-    """What the prior says of codes, as a quadratic about each: that of its likeliest Gaussian there."""
+class CodeGaussian(NamedTuple):
+    """The Gaussian over codes."""
 
-    def __init__(self, prior: ShapePrior) -> None:
-        gaussians = [(np.asarray(prior.code_mean, float)[None], prior.code_covariance, OTHERS)]
-        if prior.kinds is not None:
-            gaussians.append((prior.kinds.means, prior.kinds.covariance, 1 - OTHERS))
-        self._gaussians = [_Gaussian.of(*each) for each in gaussians]
-        self._least = min(each.constant for each in self._gaussians)
-
-    def at(
-        self, codes: Float[np.ndarray, "b l"]
-    ) -> tuple[Float[np.ndarray, "b"], Float[np.ndarray, "b l"], Float[np.ndarray, "b l l"]]:
-        """Twice the negative log-density over that of its highest peak, half its derivative, and the information."""
-        offsets = [codes - each.means[each.tree.query(codes @ each.root)[1]] for each in self._gaussians]
-        pulls = [
-            offset @ each.root @ each.root.T for offset, each in zip(offsets, self._gaussians, strict=True)
-        ]
-        costs = np.array(
-            [
-                (pull * offset).sum(axis=1) + each.constant - self._least
-                for offset, pull, each in zip(offsets, pulls, self._gaussians, strict=True)
-            ]
-        )
-        best = costs.argmin(axis=0)
-        information = np.array([each.root @ each.root.T for each in self._gaussians])
-        return costs.min(axis=0), np.array(pulls)[best, np.arange(len(codes))], information[best]
-
-
-class _Gaussian(NamedTuple):
-    """About each of some means."""
-
-    means: Float[np.ndarray, "k l"]
-    root: Float[np.ndarray, "l l"]
-    """Times its own transpose the information."""
-    constant: float
-    tree: cKDTree
+    mean: Float[np.ndarray, "l"]
+    information: Float[np.ndarray, "l l"]
 
     @classmethod
-    def of(
-        cls, means: Float[np.ndarray, "k l"], covariance: Float[np.ndarray, "l l"], weight: float
-    ) -> "_Gaussian":
-        """With a ridge that keeps a covariance of few shapes regular."""
-        covariance = np.asarray(covariance, float)
-        ridge = 1e-8 * np.trace(covariance) / len(covariance)
-        root = np.linalg.cholesky(np.linalg.inv(covariance + ridge * np.eye(len(covariance))))
-        constant = -2 * float(np.log(np.diag(root)).sum()) - 2 * np.log(weight / len(means))
-        return cls(np.asarray(means, float), root, constant, cKDTree(means @ root))
+    def of(cls, prior: ShapePrior) -> "CodeGaussian":
+        """A prior's own, with a ridge that keeps a covariance of few shapes regular."""
+        covariance = np.asarray(prior.code_covariance, float)
+        length = len(covariance)
+        ridge = 1e-8 * np.trace(covariance) / length
+        return cls(np.asarray(prior.code_mean, float), np.linalg.inv(covariance + ridge * np.eye(length)))
 
 
 class Found(NamedTuple):
@@ -139,25 +102,25 @@ class SearchConfig:
 def search(prior: ShapePrior, rows: CodeRows, config: SearchConfig | None = None, seed: int = 0) -> Found:
     """The most probable codes given the rows: from the prior's mean and prototypes, on few rows, then the best on all."""
     config = config or SearchConfig()
-    wanted = CodePrior(prior)
+    gaussian = CodeGaussian.of(prior)
     few = rows.thinned(config.first_points, np.random.default_rng(seed))
-    first = descend(prior.decoder, few, wanted, prior.starts, config.first_iterations, config.tolerance)
+    first = descend(prior.decoder, few, gaussian, prior.starts, config.first_iterations, config.tolerance)
     return descend(
-        prior.decoder, rows, wanted, first.codes[: config.kept], config.iterations, config.tolerance
+        prior.decoder, rows, gaussian, first.codes[: config.kept], config.iterations, config.tolerance
     )
 
 
 def descend(
     decoder: SdfDecoder,
     rows: CodeRows,
-    wanted: CodePrior,
+    gaussian: CodeGaussian,
     starts: Float[np.ndarray, "b l"],
     iterations: int,
     tolerance: float = 1e-4,
 ) -> Found:
     """Levenberg-Marquardt on reweighted errors from every start; all starts go through the decoder together."""
     codes = np.array(starts, float)
-    at = _linearized(decoder, rows, wanted, codes)
+    at = _linearized(decoder, rows, gaussian, codes)
     damping = np.full(len(codes), 1e-3)
     going = np.ones(len(codes), bool)
     for _ in range(iterations):
@@ -165,7 +128,7 @@ def descend(
         if len(active) == 0:
             break
         trial = codes[active] - _steps(at, damping, active)
-        new = _linearized(decoder, rows, wanted, trial)
+        new = _linearized(decoder, rows, gaussian, trial)
         better = new.cost < at.cost[active]
         falls = at.cost[active] - new.cost
         done = better & (falls < tolerance * at.cost[active])
@@ -211,7 +174,7 @@ def _steps(
 
 
 def _linearized(
-    decoder: SdfDecoder, rows: CodeRows, wanted: CodePrior, codes: Float[np.ndarray, "b l"]
+    decoder: SdfDecoder, rows: CodeRows, gaussian: CodeGaussian, codes: Float[np.ndarray, "b l"]
 ) -> _Quadratic:
     """Cost, half its gradient and half its (majorising) Hessian at each code."""
     value, jacobian = _values(decoder, rows.points, codes)
@@ -222,11 +185,12 @@ def _linearized(
     # a bound that holds says nothing
     weight = np.where(rows.one_sided & (error == 0), 0.0, weight)
     rho = np.where(size > 1, 2 * size - 1, size**2)
-    known, pull, information = wanted.at(codes)
+    offset = codes - gaussian.mean
+    pull = offset @ gaussian.information
     scaled = jacobian / rows.deviation[:, None]
     gradient = np.einsum("bnl,bn->bl", scaled, weight * error) + pull
-    hessian = scaled.transpose(0, 2, 1) @ (weight[..., None] * scaled) + information
-    cost = rho @ rows.weight + known
+    hessian = scaled.transpose(0, 2, 1) @ (weight[..., None] * scaled) + gaussian.information
+    cost = rho @ rows.weight + (pull * offset).sum(axis=1)
     return _Quadratic(cost, gradient, hessian)
 
 

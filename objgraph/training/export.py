@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn, TimeRemainingColumn
 
-from factors.code_mixture import CodeKinds
 from objgraph.priors.shape_prior import ShapePrior
 from objgraph.priors.store import save_prior
 from objgraph.training.corpus import Corpus, build_corpus
@@ -84,15 +83,12 @@ def make_prior(config: TrainConfig, corpus: Corpus, trained: Trained) -> ShapePr
     size_mean, size_log_sigma, size_source = size_statistics(
         config.category, [size for size, _ in metric], [source for _, source in metric]
     )
-    kinds = CodeKinds(
-        typical_codes(trained.codes, config.kinds), np.diag(trained.code_variance.astype(float))
-    )
+    length = trained.decoder.code_length
     prior = ShapePrior(
         category=config.category,
         decoder=trained.decoder,
-        code_mean=np.zeros(len(trained.code_variance)),
-        code_covariance=np.eye(len(trained.code_variance)),
-        kinds=kinds,
+        code_mean=np.zeros(length),
+        code_covariance=np.eye(length),
         residual_sigma=0.01,
         size_mean=size_mean,
         size_log_sigma=size_log_sigma,

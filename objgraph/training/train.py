@@ -84,8 +84,6 @@ class TrainConfig:
     """Weight of the cross-entropy of the sign: what is inside and what is not."""
     sign_scale: float = 0.01
     """Distance, canonical, at which a sign is as good as known."""
-    kinds: int = 512
-    """Most shapes about whose codes the prior expects others."""
     average_decay: float = 0.999
     """Decay a step of the running average of the weights that is exported."""
     seed: int = 0
@@ -118,7 +116,6 @@ class TrainConfig:
                 "jobs",
                 "device",
                 "bf16",
-                "kinds",
                 "checkpoint_seconds",
             }
         }
@@ -132,8 +129,6 @@ class Trained:
     decoder: Decoder
     codes: Float[np.ndarray, "s l"]
     """Means of the training shapes' Gaussians."""
-    code_variance: Float[np.ndarray, "l"]
-    """Their mean variance."""
     box: BoxFrame | None
     """The frame that the shapes were stretched to."""
     step: int
@@ -348,6 +343,4 @@ def _trained(config: TrainConfig, corpus: Corpus, model: AutoDecoder, step: int,
     decoder = _decoder(config)
     decoder.load_state_dict({name: value.cpu() for name, value in model.average.items()})
     decoder.requires_grad_(False).eval()
-    mean, log_variance = (model.codes.tables[name].cpu() for name in ("mean", "log_variance"))
-    variance = log_variance.exp().mean(dim=0).numpy()
-    return Trained(decoder, mean.numpy().copy(), variance, _box(config, corpus), step, loss)
+    return Trained(decoder, model.codes.tables["mean"].cpu().numpy().copy(), _box(config, corpus), step, loss)

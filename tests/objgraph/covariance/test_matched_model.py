@@ -18,7 +18,7 @@ from objgraph.priors.shape_prior import ShapePrior
 
 DRAWS, POINTS, NOISE = 200, 150, 0.003
 KEYS = ObjectKeys.numbered(0)
-CONFIG = GraphConfig(code_spread=1.0)
+CONFIG = GraphConfig()
 PLACE = gtsam.Pose3(gtsam.Rot3.Rz(0.4).compose(gtsam.Rot3.Rx(np.pi / 2)), np.array([0.3, 0.2, 0.5]))
 PLACE_SIGMAS = np.array([0.05, 0.05, 0.1, 0.05, 0.05, 0.05])
 

@@ -12,7 +12,6 @@ from numpy.testing import assert_array_equal
 from safetensors import safe_open
 from safetensors.torch import load_file, save_file
 
-from factors.code_mixture import CodeKinds
 from factors.decoder import Decoder, DecoderConfig
 from factors.errors import FactorError
 from factors.state import ObjectKeys, ObjectState
@@ -66,19 +65,6 @@ def test_round_trip(prior: ShapePrior, tmp_path: Path) -> None:
     save_prior(loaded, path)
     assert path.read_bytes() == first
     assert [item.name for item in tmp_path.iterdir()] == ["lamp.safetensors"]
-
-
-def test_kinds_of_shapes_are_kept_and_checked(prior: ShapePrior, tmp_path: Path) -> None:
-    path = tmp_path / "lamp.safetensors"
-    kinds = CodeKinds(np.arange(12.0).reshape(4, 3), np.diag([0.5, 0.25, 1.0]))
-    save_prior(replace(prior, kinds=kinds), path)
-    found = load_prior(path).kinds
-    assert found is not None
-    assert_array_equal(found.means, kinds.means)
-    assert_array_equal(found.covariance, kinds.covariance)
-    save_prior(replace(prior, kinds=CodeKinds(np.zeros((4, 5)), np.eye(5))), path)
-    with pytest.raises(PriorError, match="do not fit a decoder of 3-dimensional codes"):
-        load_prior(path)
 
 
 @pytest.mark.parametrize("damage", ["missing", "empty", "truncated", "text", "foreign", "flipped"])
