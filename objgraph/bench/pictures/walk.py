@@ -68,7 +68,9 @@ def walk(prior: ShapePrior, config: WalkConfig) -> list[trimesh.Trimesh]:
     ]
 
 
-def _write(rows: Sequence[Sequence[Float[np.ndarray, "c c 3"]]], names: list[str], config: WalkConfig) -> None:
+def _write(
+    rows: Sequence[Sequence[Float[np.ndarray, "c c 3"]]], names: list[str], config: WalkConfig
+) -> None:
     """One prior a row, its category at the left; a line under random codes."""
     columns = len(rows[0])
     sheet = Figure(
