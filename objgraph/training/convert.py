@@ -23,6 +23,11 @@ _LOOK_IN = 2.0
 """Units of the source in which the shapes are looked for, as one canonical unit: unit spheres fit."""
 
 
+_WIDER = 9.0
+"""Factor on the codes' covariance: a Gaussian through points of several kinds of shapes is dense between them, at shapes of no
+kind (a table without legs), and would hold codes there."""
+
+
 @dataclass(frozen=True)
 class ConvertConfig:
     """Make a prior of a DeepSDF experiment folder."""
@@ -86,7 +91,7 @@ def convert(config: ConvertConfig) -> ShapePrior:
         category=config.category,
         decoder=_in_units(experiment.decoder, unit),
         code_mean=mean,
-        code_covariance=covariance,
+        code_covariance=_WIDER * covariance,
         residual_sigma=config.residual_sigma,
         size_mean=size_mean,
         size_log_sigma=float(np.hypot(config.size_log_sigma or size_log_sigma, spread)),

@@ -1,5 +1,6 @@
 """A mesh as the truth that a reconstruction is measured against, in the canonical frame, and the measures."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -22,6 +23,10 @@ PAIR_POINTS = 20_000
 """Points a side of the point-to-point Chamfer distance."""
 NEAR = 0.02
 """A surface point this close to the other surface is recalled, or precise."""
+_DIRECTIONS = 100
+"""From which a solid is looked at from afar, spread evenly."""
+_STEP = 1e-3
+"""Off the surface, canonical, where a look at it ends."""
 
 
 @dataclass(frozen=True)
@@ -39,13 +44,21 @@ class ShapeScore:
 
 
 class TrueShape:
-    """A solid, points on its outer surface, and distances to it."""
+    """A solid, points on what is seen of its surface from somewhere outside, and distances to all of its outer surface.
+
+    As in DeepSDF (Park et al., CVPR 2019), whose shapes are looked at by a hundred cameras: of an infinigen sofa a third of
+    the outer surface lies between cushions and frame, where no camera sees it.
+    """
 
     def __init__(self, solid: Solid, seed: int = 0) -> None:
         self.solid = solid
         self.signed_distance = SolidDistance(solid)
         rng = np.random.default_rng(seed)
-        self.points = surface_points(solid, self.signed_distance, EXACT_POINTS, rng, area_power=1.0)
+        outer = surface_points(solid, self.signed_distance, 2 * EXACT_POINTS, rng, area_power=1.0)
+        seen = np.flatnonzero(seen_from_outside(solid.surfaces, outer))
+        if len(seen) == 0:
+            raise EvaluationError(f"{solid.name}: nothing of its surface is seen from outside")
+        self.points = outer[rng.choice(seen, EXACT_POINTS, replace=len(seen) < EXACT_POINTS)]
         self._seed = seed
 
     @cached_property
@@ -102,6 +115,23 @@ class TrueShape:
         return field_grid(field, resolution, bound, slope=float(slope)) < 0
 
 
+def seen_from_outside(
+    surfaces: Sequence[trimesh.Trimesh], points: Float[np.ndarray, "n 3"]
+) -> Bool[np.ndarray, "n"]:
+    """Which points on the surfaces are in view from at least one of a hundred directions."""
+    scene = _scene(surfaces)
+    # a Fibonacci lattice on the sphere
+    index = np.arange(_DIRECTIONS) + 0.5
+    z, angle = 1 - 2 * index / _DIRECTIONS, np.pi * (1 + np.sqrt(5)) * index
+    level = np.sqrt(1 - z**2)
+    hidden = np.arange(len(points))
+    for direction in np.stack([level * np.cos(angle), level * np.sin(angle), z], axis=1):
+        start = points[hidden] + _STEP * direction
+        rays = np.concatenate([start, np.broadcast_to(direction, start.shape)], axis=1).astype(np.float32)
+        hidden = hidden[scene.test_occlusions(o3d.core.Tensor(rays)).numpy()]
+    return ~np.isin(np.arange(len(points)), hidden)
+
+
 def volume_iou(a: Bool[np.ndarray, "x y z"], b: Bool[np.ndarray, "x y z"]) -> float:
     """Intersection over union of two solids given at the nodes of one grid; 0 where both are empty."""
     union = np.count_nonzero(a | b)
@@ -119,9 +149,13 @@ def read_solid(path: Path, name: str) -> Solid:
     return solidify(canonical(read_mesh(path), name), name)
 
 
-def _unsigned(meshes: tuple[trimesh.Trimesh, ...] | list[trimesh.Trimesh], points: np.ndarray) -> np.ndarray:
+def _unsigned(meshes: Sequence[trimesh.Trimesh], points: np.ndarray) -> np.ndarray:
+    query = o3d.core.Tensor(np.ascontiguousarray(points, np.float32))
+    return _scene(meshes).compute_distance(query).numpy().astype(float)
+
+
+def _scene(meshes: Sequence[trimesh.Trimesh]) -> o3d.t.geometry.RaycastingScene:
     scene = o3d.t.geometry.RaycastingScene(nthreads=1)
     for mesh in meshes:
         scene.add_triangles(np.asarray(mesh.vertices, np.float32), np.asarray(mesh.faces, np.uint32))
-    query = o3d.core.Tensor(np.ascontiguousarray(points, np.float32))
-    return scene.compute_distance(query).numpy().astype(float)
+    return scene

@@ -117,13 +117,13 @@ def test_a_word_it_does_not_know_is_a_usage_error(arguments, capsys):
 
 
 def test_priors_are_listed_for_people_and_for_programs(tmp_path, capsys):
-    save_prior(fallback_prior("sofa"), tmp_path / "own" / "sofa.safetensors")
+    save_prior(fallback_prior("lamp"), tmp_path / "own" / "lamp.safetensors")
     (tmp_path / "own" / "junk.safetensors").write_bytes(b"junk")
     path = tmp_path / "list" / "priors.json"
     assert main(["priors", str(tmp_path / "own"), "--json", str(path)]) == 0
     printed = capsys.readouterr().out
     entries = {entry["category"]: entry for entry in json.loads(path.read_text())["priors"]}
-    assert set(entries) == {*available_priors(), "sofa"}
+    assert set(entries) == {*available_priors(), "lamp"}
     for category in entries:
         assert category in printed
     chair = entries["chair"]
@@ -133,9 +133,9 @@ def test_priors_are_listed_for_people_and_for_programs(tmp_path, capsys):
     assert chair["code_length"] == 64
     assert 0 < chair["heldout_chamfer"] < 0.05
     assert chair["training_shapes"] > 100
-    sofa = entries["sofa"]
-    assert not sofa["shipped"]
-    assert (sofa["code_length"], sofa["network"], sofa["training_shapes"]) == (3, "superquadric", None)
+    lamp = entries["lamp"]
+    assert not lamp["shipped"]
+    assert (lamp["code_length"], lamp["network"], lamp["training_shapes"]) == (3, "superquadric", None)
     assert [item.name for item in path.parent.iterdir()] == ["priors.json"]
 
 

@@ -141,7 +141,7 @@ def test_a_converted_prior_has_this_library_s_scale(trained, codes, tmp_path, em
     there = trained(unit * points, code.expand(40, -1)).detach() / unit
     torch.testing.assert_close(prior.decoder(points, code), there, atol=1e-5, rtol=0)
     np.testing.assert_allclose(prior.code_mean, codes.double().mean(0), atol=1e-6)
-    np.testing.assert_allclose(prior.code_covariance, np.cov(codes.numpy().T), atol=2e-3)
+    np.testing.assert_allclose(prior.code_covariance, 9 * np.cov(codes.numpy().T), atol=2e-2)
     assert prior.prototypes is not None
     assert {tuple(c) for c in prior.prototypes.astype(np.float32)} <= {tuple(c) for c in codes.numpy()}
     assert prior.card["data"]["training_shapes"] == 30
@@ -159,12 +159,12 @@ def test_settings_are_kept(trained, tmp_path):
     prior = convert(replace(config, size_log_sigma=0.3))
     assert prior.decoder.config.unit == 1.9
     assert (prior.residual_sigma, prior.size_mean, prior.size_log_sigma) == (0.02, 2.0, pytest.approx(0.3))
-    np.testing.assert_allclose(prior.code_covariance, 0.04 * np.eye(LENGTH))
+    np.testing.assert_allclose(prior.code_covariance, 9 * 0.04 * np.eye(LENGTH))
 
 
 def test_without_codes_they_are_what_training_began_with(trained, tmp_path):
     prior = convert(settings(write(tmp_path, trained)))
-    np.testing.assert_allclose(prior.code_covariance, 0.25 / LENGTH * np.eye(LENGTH))
+    np.testing.assert_allclose(prior.code_covariance, 9 * 0.25 / LENGTH * np.eye(LENGTH))
     np.testing.assert_array_equal(prior.code_mean, np.zeros(LENGTH))
     assert prior.prototypes is None
     assert extract_mesh(prior.decoder, prior.code_mean).extents == pytest.approx(
