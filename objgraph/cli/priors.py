@@ -121,7 +121,8 @@ def describe(path: Path, shipped: bool = False) -> PriorEntry:
 def priors_table(entries: Iterable[PriorEntry]) -> Table:
     """One row a prior, its file and aliases below."""
     table = Table(title="Shape priors", box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
-    table.add_column("category", no_wrap=True)
+    longest = max((len(entry.category) for entry in entries), default=0)
+    table.add_column("category", no_wrap=True, min_width=longest)
     table.add_column("network", no_wrap=True)
     labels = ("code", "trained\non", "held-out\nChamfer", "residual\nσ", "diagonal\nm", "licences", "MB")
     for label in labels:
