@@ -33,7 +33,7 @@ class ShapePrior:
     code_mean: Float[np.ndarray, "l"]
     """Of the training codes."""
     code_covariance: Float[np.ndarray, "l l"]
-    """Of the training codes."""
+    """As codes are held to it: that of the training codes, or wider (docs/priors.md)."""
     residual_sigma: float
     """Standard deviation of the decoder's SDF error near unseen surfaces, in canonical units."""
     size_mean: float

@@ -91,7 +91,7 @@ def convert(config: ConvertConfig) -> ShapePrior:
         category=config.category,
         decoder=_in_units(experiment.decoder, unit),
         code_mean=mean,
-        code_covariance=_WIDER * covariance,
+        code_covariance=covariance,
         residual_sigma=config.residual_sigma,
         size_mean=size_mean,
         size_log_sigma=float(np.hypot(config.size_log_sigma or size_log_sigma, spread)),
@@ -103,10 +103,11 @@ def convert(config: ConvertConfig) -> ShapePrior:
 def _code_distribution(
     experiment: Experiment, code_sigma: float | None
 ) -> tuple[Float[np.ndarray, "l"], Float[np.ndarray, "l l"], Float[np.ndarray, "k l"] | None]:
-    """Mean, covariance and typical codes: the training's own, or a normal distribution about zero."""
+    """Mean, covariance and typical codes: the training's own, widened, or a normal distribution about zero."""
     codes = experiment.codes
     if codes is not None and len(codes) > 1 and np.ptp(codes, axis=0).any():
-        return *code_statistics(codes), typical_codes(codes)
+        mean, covariance = code_statistics(codes)
+        return mean, _WIDER * covariance, typical_codes(codes)
     length = experiment.decoder.code_length
     sigma = code_sigma or experiment.code_sigma
     log.warning("%s has no codes beside it: N(0, %.3g) is taken", experiment.model, sigma)

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 
 from objgraph.bench.pictures.contact_sheet import draw_mesh
 from objgraph.priors.mesh import extract_mesh
-from objgraph.priors.registry import available_priors, load_prior
+from objgraph.priors.registry import load_prior
 from objgraph.priors.shape_prior import ShapePrior
 from objgraph.show import figure
 
@@ -24,8 +24,8 @@ class WalkConfig:
 
     out: Path
     """The PNG to write."""
-    priors: tuple[str, ...] = ()
-    """Categories, or .safetensors files; by default all shipped priors."""
+    priors: tuple[str, ...]
+    """Categories, or .safetensors files."""
     codes: int = 3
     """Random codes a row."""
     steps: int = 3
@@ -49,7 +49,7 @@ def walk_picture(config: WalkConfig) -> None:
         PriorError: there is no such prior.
         SolveError: a code on the way has no surface.
     """
-    priors = [load_prior(name) for name in config.priors or available_priors()]
+    priors = [load_prior(name) for name in config.priors]
     rows = [
         [draw_mesh(mesh, config.cell, config.azimuth, config.elevation) for mesh in walk(prior, config)]
         for prior in priors

@@ -13,7 +13,7 @@ from tests.shapes import MEAN_HALF, box_prior
 
 
 def test_a_walk_goes_straight_from_one_random_code_to_the_next() -> None:
-    config = WalkConfig(Path(), codes=3, steps=2, resolution=64, seed=4)
+    config = WalkConfig(Path(), (), codes=3, steps=2, resolution=64, seed=4)
     extents = [mesh.extents for mesh in walk(box_prior(), config)]
     codes = box_prior().draw_codes(3, np.random.default_rng(4))
     np.testing.assert_allclose(extents[::2], 2 * (MEAN_HALF + 0.1 * codes), atol=0.01)

@@ -10,7 +10,7 @@ from factors.state import ObjectState
 from objgraph.graph.object_graph import GraphConfig, ObjectGraph, ObjectHandle
 from objgraph.graph.solve import SolverConfig
 from objgraph.observation.sampling import SamplingConfig, observe
-from tests.toys import toy_frame, toy_prior
+from tests.toys import TOY_CODE, toy_frame, toy_prior
 
 UP = np.array([0.0, 0.0, 1.0])
 SAMPLING = SamplingConfig(points=120, hits=60, free=60)
@@ -51,7 +51,10 @@ def camera_graph(state: ObjectState, T_world_camera: gtsam.Pose3, view) -> tuple
     objects = empty()
     objects.values.insert(X(5), T_world_camera)
     objects.graph.push_back(gtsam.PriorFactorPose3(X(5), T_world_camera, pose_noise(0.1, 0.2)))
-    handle = objects.add_object(toy_prior(), state, up_world=UP)
+    prior = replace(
+        toy_prior(), code_covariance=4.5 * np.eye(TOY_CODE)
+    )  # the view, not the prior, is to say the code
+    handle = objects.add_object(prior, state, up_world=UP)
     objects.graph.push_back(
         gtsam.PriorFactorPose3(handle.keys.pose, state.T_world_object, pose_noise(1e-3, 1e-3))
     )

@@ -17,7 +17,7 @@ from objgraph.errors import SolveError
 from objgraph.graph.builder import ObjectBuilder
 from objgraph.graph.solve import LevenbergMarquardtConfig, Problem, SolverConfig, minimize, solve
 from objgraph.observation.sampling import SamplingConfig, observe
-from tests.toys import ToyDecoder, toy_frame, toy_prior, toy_state
+from tests.toys import TOY_CODE, ToyDecoder, toy_frame, toy_prior, toy_state
 
 UP = np.array([0.0, 0.0, 1.0])
 OFF = np.array([0.05, -0.08, 0.03, 0.02, -0.03, 0.02, 0.05, -0.05, 0.03, -0.3, 0.3, -0.2, 0.1])
@@ -89,7 +89,8 @@ def chair_problem(heading: float = 0.4, decoder: ToyDecoder | None = None) -> Pr
     views = [
         observe(toy_frame([state], azimuth, seed=i), 1, sampling) for i, azimuth in enumerate((0.3, 2.0))
     ]
-    prior = replace(toy_prior(), decoder=decoder or ToyDecoder().double())
+    wide = 4.5 * np.eye(TOY_CODE)
+    prior = replace(toy_prior(), decoder=decoder or ToyDecoder().double(), code_covariance=wide)
     return ObjectBuilder(up_world=UP).alone(prior, state.retract(OFF), views)
 
 
@@ -371,7 +372,7 @@ def test_rounds_stop_where_nothing_is_gained():
 def test_a_worse_last_round_is_not_kept():
     """A refresh may raise the cost; what is returned is the best of the last slope, not the last."""
     problem = Recorded.of(chair_problem())
-    solve([problem], SolverConfig(slopes=(200.0,), rounds=2, relative_tolerance=-np.inf))
+    solve([problem], SolverConfig(slopes=(200.0,), rounds=3, relative_tolerance=-np.inf))
     *costs, settled = [cost for _, cost in problem.refreshed]
     assert len(costs) > 3
     assert settled == pytest.approx(min(costs), rel=1e-9)

@@ -159,12 +159,12 @@ def test_settings_are_kept(trained, tmp_path):
     prior = convert(replace(config, size_log_sigma=0.3))
     assert prior.decoder.config.unit == 1.9
     assert (prior.residual_sigma, prior.size_mean, prior.size_log_sigma) == (0.02, 2.0, pytest.approx(0.3))
-    np.testing.assert_allclose(prior.code_covariance, 9 * 0.04 * np.eye(LENGTH))
+    np.testing.assert_allclose(prior.code_covariance, 0.04 * np.eye(LENGTH))
 
 
 def test_without_codes_they_are_what_training_began_with(trained, tmp_path):
     prior = convert(settings(write(tmp_path, trained)))
-    np.testing.assert_allclose(prior.code_covariance, 9 * 0.25 / LENGTH * np.eye(LENGTH))
+    np.testing.assert_allclose(prior.code_covariance, 0.25 / LENGTH * np.eye(LENGTH))
     np.testing.assert_array_equal(prior.code_mean, np.zeros(LENGTH))
     assert prior.prototypes is None
     assert extract_mesh(prior.decoder, prior.code_mean).extents == pytest.approx(
