@@ -46,8 +46,8 @@ def main(arguments: Arguments) -> None:
         frames = index.select(instance.id, arguments.views)
         views = [objgraph.observe(scan.frames[i], instance.id) for i in frames]
 
-        # First guess: the prior's shapes, tried at eight headings on a few points and rays.
-        (state, *_), _ = objgraph.first_states(prior, views, builder)
+        # Where the views say that the object may be, the likeliest first.
+        state = objgraph.first_states(prior, views, builder).states[0]
 
         # Variables o{i} (Pose3), s{i} (log-scale), z{i} (shape code), and what is known of them beforehand.
         keys = objgraph.ObjectKeys.numbered(instance.id)

@@ -41,7 +41,7 @@ from objgraph.errors import ObjectGraphError, ObservationError
 from objgraph.estimate.graph import GraphEstimator
 from objgraph.estimate.task import Estimate, EstimationTask
 from objgraph.graph.builder import ObjectBuilder
-from objgraph.graph.initialise import InitialisationConfig, guesses, rank
+from objgraph.graph.initialise import InitialisationConfig, first_states
 from objgraph.maps.pipeline import scene_floor
 from objgraph.observation.frames import Frame, FrameSource, Scan
 from objgraph.observation.sampling import ObjectView, SamplingConfig, observe
@@ -116,8 +116,8 @@ class Subject:
     def estimate(self, views: Sequence[ObjectView], start: ObjectState | None) -> Estimate:
         """From all views, beginning where the last estimate ended and at the best fresh guess."""
         settings = InitialisationConfig() if start is None else FRESH
-        states = guesses(self.prior, views, UP, self.floor, settings)
-        fresh, _ = rank(self.prior, views, states, ObjectBuilder(up_world=UP, floor=self.floor), settings)
+        builder = ObjectBuilder(up_world=UP, floor=self.floor)
+        fresh = first_states(self.prior, views, builder, settings).states
         starts = (*fresh[:1], *([start] if start is not None else []))
         task = EstimationTask(self.case.id, self.prior, starts, tuple(views), UP, self.floor)
         (result,) = GraphEstimator().estimate([task])

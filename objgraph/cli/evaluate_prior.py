@@ -3,6 +3,7 @@
 import os
 from dataclasses import dataclass, field
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Annotated, Any
 
 import tyro
@@ -12,6 +13,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from objgraph.errors import EvaluationError
 from objgraph.priors.registry import load_prior
 from objgraph.training.evaluate import PriorEvaluationConfig, ShapeRow, evaluate_meshes
+from objgraph.training.guess import guess_quality
 from objgraph.training.mesh_folder import Choice, choose_meshes, write_json
 from objgraph.training.random_codes import check_random_codes
 from objgraph.training.report import document, table
@@ -73,8 +75,21 @@ def run_evaluate_prior(command: EvaluatePriorCommand, console: Console) -> dict[
             random_codes = check_random_codes(
                 prior, command.random_codes, seed=command.config.seed, jobs=command.jobs
             )
+        guess = None
+        if prior.guess is not None:
+            read = [
+                (path, name)
+                for path, name, row in zip(meshes.paths, meshes.names, rows, strict=True)
+                if row.chamfer is not None
+            ]
+            bar.update(task, description="first guess", completed=0, total=len(read))
+            with TemporaryDirectory() as folder:
+                guess = guess_quality(
+                    prior, read, command.config.seed, Path(folder), command.jobs,
+                    progress=lambda done, _: bar.update(task, completed=done),
+                )  # fmt: skip
     prior_file = str(command.prior or f"{prior.category}.safetensors as shipped")
-    result = document(prior, prior_file, meshes, rows, command.config, random_codes)
+    result = document(prior, prior_file, meshes, rows, command.config, random_codes, guess)
     write_json(result, command.json)
     console.print(table(rows, f"{prior.category}: {prior_file}"))
     if random_codes is not None:
@@ -84,6 +99,11 @@ def run_evaluate_prior(command: EvaluatePriorCommand, console: Console) -> dict[
         console.print(
             f"of {random_codes.count} random codes {random_codes.failed} have no surface; "
             f"in one piece {random_codes.one_piece:.3f}{fills}"
+        )
+    for views, each in (guess or {}).items():
+        console.print(
+            f"first guess from {views} view{'s' * (views > 1)}: heading right {each.heading_right:.3f} "
+            f"({each.heading_nll:.2f} nats), centre off {100 * each.centre_m:.1f} cm ({len(each.right)} objects)"
         )
     console.print(f"written to {command.json}")
     return result

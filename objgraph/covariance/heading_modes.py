@@ -1,5 +1,6 @@
 """Quarter turns under which an object fits its box as before: other modes of its posterior, and what they add to its box's."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -41,6 +42,21 @@ class HeadingModes:
         costs = np.where(np.isfinite(costs), costs, np.inf)
         weight = np.exp((costs.min() - costs) / temperature)
         return HeadingModes(weight / weight.sum(), states)
+
+    @staticmethod
+    def of_states(
+        states: Sequence[ObjectState], costs: Float[np.ndarray, "s"], estimate: int, temperature: float
+    ) -> "HeadingModes":
+        """From upright states at about quarter turns of one of them, the estimate; of several at one turn the cheapest."""
+        of_turn = np.full(QUARTERS, np.inf)
+        cheapest: list[ObjectState | None] = [None] * QUARTERS
+        R = states[estimate].T_world_object.rotation()
+        for state, cost in zip(states, costs, strict=True):
+            between = R.between(state.T_world_object.rotation()).matrix()
+            quarter = round(float(np.arctan2(between[0, 2], between[0, 0])) / (np.pi / 2)) % QUARTERS
+            if cost < of_turn[quarter]:
+                of_turn[quarter], cheapest[quarter] = cost, state
+        return HeadingModes.of_costs(of_turn, temperature, tuple(cheapest))
 
     def second_moment(self, extents: Float[np.ndarray, "3"]) -> Float[np.ndarray, "9 9"]:
         """Mean square of what leads from the estimated box to the turned ones, over `BOX_AXES`."""

@@ -17,7 +17,11 @@ from objgraph.graph.solve import SolverConfig, solve
 
 @dataclass(frozen=True)
 class GraphEstimator:
-    """Every start is solved at the coarsest slope; the cheapest is solved to the end; so is a cheaper turn of it."""
+    """Every start is solved at the coarsest slope; the likeliest is solved to the end.
+
+    Where a prior's first guess says how likely the starts are, they are the headings that the object may have; of other
+    objects turns are searched for afterwards, and one that is cheaper is solved to the end as well.
+    """
 
     graph: GraphConfig = field(default_factory=GraphConfig)
     solver: SolverConfig = field(default_factory=SolverConfig)
@@ -46,10 +50,11 @@ class GraphEstimator:
         solve([single for attempt in attempts for single in attempt.tried], first)
         last = self.solver.slopes[-1]
         for attempt in attempts:
-            attempt.choose_cheapest(last)
+            attempt.choose(self.heading_modes, last)
         solve([attempt.chosen for attempt in attempts if attempt.is_good], self.solver, progress)
         if self.heading_modes is not None:
-            self._turn([attempt for attempt in attempts if attempt.is_good], self.heading_modes)
+            blind = [attempt for attempt in attempts if attempt.is_good and not attempt.task.chances]
+            self._turn(blind, self.heading_modes)
         return [attempt.estimate(last) for attempt in attempts]
 
     def _single(self, task: EstimationTask, start: ObjectState) -> SingleObject:
@@ -97,10 +102,20 @@ class _Attempts:
     def is_good(self) -> bool:
         return self.chosen.failure is None
 
-    def choose_cheapest(self, slope: float) -> None:
-        """... and say what it cost at its start, at the slope at which the end will be judged."""
-        solved = [single for single in self.tried if single.failure is None]
-        self.chosen = min(solved or self.tried[:1], key=lambda single: single.cost)
+    def choose(self, headings: HeadingModesConfig | None, slope: float) -> None:
+        """The likeliest, by what it costs and by the first guess, and say how likely other headings are and, at the slope
+        at which the end will be judged, what its start cost."""
+        temperature = (headings or HeadingModesConfig()).temperature
+        unlikely = -temperature * np.log(self.task.chances or np.ones(len(self.tried)))
+        costs = [
+            single.cost + more if single.failure is None else np.inf
+            for single, more in zip(self.tried, unlikely, strict=True)
+        ]
+        best = int(np.argmin(costs))
+        self.chosen = self.tried[best]
+        if self.is_good and headings is not None and self.task.chances:
+            states = [single.state for single in self.tried]
+            self.turns = HeadingModes.of_states(states, np.array(costs), best, temperature)
         if self.is_good:
             try:
                 self.cost_initial = self.chosen.cost_of_start(slope)

@@ -32,6 +32,8 @@ class EstimationTask:
     """Height of the floor along `up_world`, where it is known."""
     box: DetectedBox | None = None
     """What a detector says of place and size; the graph takes it for a measurement."""
+    chances: tuple[float, ...] = ()
+    """How likely each start is by the prior's first guess; empty where it has none."""
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,8 @@
-"""First guesses of an object's pose and scale from its points, and the choice among them.
+"""First guesses of an object's pose, scale and code from its views, and the choice among them.
 
-As in the paper, the prior's mean shape is matched to the cloud over headings about gravity. The match is the graph
-itself on few points and rays: every guess is a small problem, all are solved together, and the cheapest are kept.
+A prior with a first guess proposes them. Of others, as in the paper, the mean shape is matched to the cloud over headings
+about gravity. The match is the graph itself on few points and rays: every guess is a small problem, all are solved
+together, and the cheapest are kept.
 """
 
 from collections.abc import Sequence
@@ -17,6 +18,7 @@ from factors.state import ObjectState
 from objgraph.errors import InitialisationError, ObservationError
 from objgraph.geometry.frames import transformed
 from objgraph.graph.builder import ObjectBuilder
+from objgraph.graph.proposals import proposals
 from objgraph.graph.single_object import SingleObject
 from objgraph.graph.solve import LevenbergMarquardtConfig, Problem, SolverConfig, solve
 from objgraph.observation.gravity_box import gravity_box, smallest_heading
@@ -25,9 +27,23 @@ from objgraph.priors.shape_prior import ShapePrior
 
 
 @dataclass(frozen=True)
-class InitialisationConfig:
-    """Guesses, and how cheaply they are told apart."""
+class FirstStates:
+    """Where an object may be by its views."""
 
+    states: tuple[ObjectState, ...]
+    """The likeliest first."""
+    chances: tuple[float, ...] = ()
+    """How likely the prior's first guess holds each of them to be; empty where it has none."""
+    tried: tuple[SingleObject, ...] = ()
+    """Problems that were solved to find out."""
+
+
+@dataclass(frozen=True)
+class InitialisationConfig:
+    """Guesses, and how cheaply they are told apart; all but the first are for priors without a first guess."""
+
+    least_chance: float = 0.03
+    """Of the headings that a prior's first guess proposes those are solved that are at least as likely."""
     headings: int = 8
     """Evenly spaced about gravity, from the direction of the smallest box."""
     guesses: int = 10
@@ -56,8 +72,8 @@ def first_states(
     views: Sequence[ObjectView],
     builder: ObjectBuilder,
     config: InitialisationConfig | None = None,
-) -> tuple[list[ObjectState], list[SingleObject]]:
-    """Where an object may be by its views at known cameras, the likeliest first, and the problems solved to find out.
+) -> FirstStates:
+    """Where an object may be by its views at known cameras.
 
     Raises:
         ObservationError: it is not known which way is up.
@@ -66,8 +82,13 @@ def first_states(
     config = config or InitialisationConfig()
     if builder.up_world is None:
         raise ObservationError("to place an object by its views, say which way is up (up_world=...)")
+    if prior.guess is not None:
+        first, *others = proposals(prior, views, builder.up_world, builder.floor)
+        likely = [first, *(each for each in others if each.probability >= config.least_chance)]
+        return FirstStates(tuple(each.state for each in likely), tuple(each.probability for each in likely))
     states = guesses(prior, views, builder.up_world, builder.floor, config)
-    return rank(prior, views, states, builder, config)
+    best, tried = rank(prior, views, states, builder, config)
+    return FirstStates(tuple(best), tried=tuple(tried))
 
 
 def guesses(

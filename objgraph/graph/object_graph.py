@@ -255,10 +255,9 @@ class ObjectGraph:
         builder: ObjectBuilder,
     ) -> ObjectState:
         try:
-            (best, *_), _ = first_states(prior, views, builder, self.initialisation)
+            return first_states(prior, views, builder, self.initialisation).states[0]
         except ObjectGraphError as error:
             raise type(error)(f"{name}: {error}") from error
-        return best
 
     def _push(self, handle: ObjectHandle, factor: gtsam.NonlinearFactor) -> None:
         handle.slots[self.graph.size()] = factor

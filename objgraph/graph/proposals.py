@@ -42,6 +42,7 @@ def proposals(
     if (count := sum(len(each.surface) for each in clouds)) < _FEWEST:
         raise InitialisationError(f"{count} points are too few to place an object; add views of it")
     config, unit = prior.guess.config, prior.size_mean
+    floor = floor if prior.stands else None
     seen = cloud(clouds, up_world, floor, unit, config.surface, config.free, np.random.default_rng(0))
     like = next(prior.guess.parameters())
     with torch.no_grad():

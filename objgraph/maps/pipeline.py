@@ -145,12 +145,12 @@ def map_object(
     clock = clock or _Clock()
     with clock.stage("initialise"):
         builder = ObjectBuilder(config.graph, up_world, floor)
-        states, tried = first_states(prior, views, builder, config.initialisation)
+        first = first_states(prior, views, builder, config.initialisation)
     name = f"{instance.category} {instance.id}"
-    task = EstimationTask(name, prior, tuple(states), tuple(views), up_world, floor)
+    task = EstimationTask(name, prior, first.states, tuple(views), up_world, floor, chances=first.chances)
     with clock.stage("solve"):
-        first, *rest = _estimators(config)
-        estimate = _estimated(first, task)
+        main, *rest = _estimators(config)
+        estimate = _estimated(main, task)
         other = _beside(rest[0], task) if rest else None
     with clock.stage("mesh"):
         entry = map_entry(instance, prior, estimate, views, config.mesh_resolution)
@@ -158,8 +158,8 @@ def map_object(
         entry,
         estimator="adam" if config.estimator == "adam" else "graph",
         other=other,
-        linearizations=estimate.linearizations + sum(p.linearizations for p in tried),
-        error_evaluations=estimate.error_evaluations + sum(p.error_evaluations for p in tried),
+        linearizations=estimate.linearizations + sum(p.linearizations for p in first.tried),
+        error_evaluations=estimate.error_evaluations + sum(p.error_evaluations for p in first.tried),
         seconds=sum(clock.seconds.values()),
         seconds_by_stage=clock.seconds,
     )

@@ -62,10 +62,15 @@ class ShapePrior:
         return "fallback" in self.card
 
     @property
+    def stands(self) -> bool:
+        """Whether such objects stand on the floor: the card says so of those that need not."""
+        return bool(self.card.get("stands", True))
+
+    @property
     def feet(self) -> float | None:
-        """Canonical distance from an object's centre down to its feet; None where shapes have no common box, or the
-        card says that such objects need not stand on the floor (`stands`)."""
-        return float(self.box[1]) / 2 if self.box is not None and self.card.get("stands", True) else None
+        """Canonical distance from an object's centre down to its feet; None where shapes have no common box, or such
+        objects need not stand on the floor."""
+        return float(self.box[1]) / 2 if self.box is not None and self.stands else None
 
     @property
     def is_calibrated(self) -> bool:

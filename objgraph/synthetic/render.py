@@ -25,15 +25,20 @@ class Rendering:
     instances: Int[np.ndarray, "h w"]
     """Index of the piece plus one; 0 for floor, walls and emptiness."""
     color: UInt8[np.ndarray, "h w 3"]
-    """RGB."""
+    """RGB; black of a renderer without colours."""
 
 
 class Renderer:
     """Casts rays at the pieces and the shell (floor first, then walls) of one room."""
 
     def __init__(
-        self, pieces: list[PlacedFurniture], shell: list[trimesh.Trimesh], rng: np.random.Generator
+        self,
+        pieces: list[PlacedFurniture],
+        shell: list[trimesh.Trimesh],
+        rng: np.random.Generator,
+        colored: bool = True,
     ) -> None:
+        self._colored = colored
         self._scene = o3d.t.geometry.RaycastingScene()
         meshes = [(piece.p_world, piece.piece.mesh.faces) for piece in pieces]
         meshes += [(part.vertices, part.faces) for part in shell]
@@ -80,6 +85,8 @@ class Renderer:
         self, p_world: np.ndarray, normals: np.ndarray, cosine: np.ndarray, geometry: np.ndarray
     ) -> UInt8[np.ndarray, "h w 3"]:
         """One lamp with hard shadows, and a light at the camera."""
+        if not self._colored:
+            return np.zeros(p_world.shape, np.uint8)
         albedo = self._albedo[geometry]
         planks = np.floor(p_world[..., 0] / 0.18).astype(int) % 2
         albedo = np.where(

@@ -1,7 +1,8 @@
 """From a training to a prior that ships: statistics, measured errors, model card, attribution."""
 
 import logging
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import asdict, replace
 from importlib.metadata import version
 from pathlib import Path
@@ -14,6 +15,7 @@ from objgraph.priors.shape_prior import ShapePrior
 from objgraph.priors.store import save_prior
 from objgraph.training.corpus import Corpus, build_corpus
 from objgraph.training.fit import FitError, fit_error, typical_codes
+from objgraph.training.guess import with_first_guess
 from objgraph.training.index import CadMesh
 from objgraph.training.samples import SURFACE_POINTS
 from objgraph.training.size import size_statistics
@@ -55,24 +57,37 @@ def export_command(config: TrainConfig) -> Path:
 
 def _corpus(config: TrainConfig) -> Corpus:
     cache = config.out / "cache" / config.category
+    with _bars("sampling ") as report:
+        return build_corpus(
+            config.category, config.meshes, config.corpus, config.samples, cache, config.jobs, report
+        )
+
+
+@contextmanager
+def _bars(prefix: str = "") -> Iterator[Callable[[str, int, int], None]]:
+    """A bar for each kind of work that is reported."""
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     with Progress(*columns, transient=True) as bar:
         tasks: dict[str, TaskID] = {}
 
         def report(words: str, done: int, total: int) -> None:
-            if words not in tasks:
-                tasks[words] = bar.add_task(f"sampling {words}")
-            bar.update(tasks[words], completed=done, total=total)
+            kind = words.split(",")[0]
+            if kind not in tasks:
+                tasks[kind] = bar.add_task(prefix + words)
+            bar.update(tasks[kind], completed=done, total=total, description=prefix + words)
 
-        return build_corpus(
-            config.category, config.meshes, config.corpus, config.samples, cache, config.jobs, report
-        )
+        yield report
 
 
 def _write(config: TrainConfig, corpus: Corpus, trained: Trained) -> Path:
     prior = make_prior(config, corpus, trained)
     path = config.out / f"{config.category}.safetensors"
     save_prior(prior, path)
+    if config.guess.steps:
+        work = config.out / "guess" / config.category
+        with _bars() as report:
+            prior = with_first_guess(prior, trained.codes, corpus, config.guess, work, config.jobs, report)
+        save_prior(prior, path)
     log.info("%s: step %d, held out: %s", path, trained.step, prior.card["heldout"]["summary"])
     return path
 

@@ -16,7 +16,7 @@ from numpy.random import Generator
 from safetensors import SafetensorError
 from safetensors.numpy import load_file, save_file
 
-from objgraph.errors import SolveError
+from objgraph.errors import PriorError, SolveError
 from objgraph.observation.clouds import ViewCloud, cloud, view_cloud
 from objgraph.priors.first_guess import QUARTERS, FirstGuessConfig, place_in_quarter
 from objgraph.priors.mesh import extract_mesh
@@ -62,6 +62,7 @@ class Draws:
     views: np.ndarray
     """How many each has."""
     floor: Float[np.ndarray, "n"]
+    """Its measured height; NaN for what need not stand on it."""
     T_world_object: Float[np.ndarray, "n 4 4"]
     log_scale: Float[np.ndarray, "n 3"]
     turned: Float[np.ndarray, "n 16"]
@@ -100,7 +101,11 @@ def draw_all(
     jobs: int = 1,
     progress: Callable[[int, int], None] | None = None,
 ) -> Draws:
-    """Draw `each` scenes of every shape, or read them back; shapes without a surface are left out."""
+    """Draw `each` scenes of every shape, or read them back; shapes without a surface are left out.
+
+    Raises:
+        PriorError: none is left.
+    """
     cache.mkdir(parents=True, exist_ok=True)
     work = partial(_drawn, prior=prior, each=each, config=config, seed=seed, cache=cache)
     parts: list[dict[str, np.ndarray]] = []
@@ -111,6 +116,8 @@ def draw_all(
                 parts.append({**part, "shape": np.full(count, i)})
             if progress is not None:
                 progress(i + 1, len(shapes))
+    if not parts:
+        raise PriorError(f"of {len(shapes)} shapes of the {prior.category} prior none is seen in any scene")
     return Draws(**{key: np.concatenate([part[key] for part in parts]) for key in parts[0]})
 
 
@@ -131,7 +138,8 @@ def batch(
             ViewCloud(*(array[i, k].astype(float) for array in (draws.surface, draws.free, draws.eye)))
             for k in some
         ]
-        made = cloud(seen, UP, float(draws.floor[i]), unit, config.surface, config.free, rng)
+        floor = None if np.isnan(draws.floor[i]) else float(draws.floor[i])
+        made = cloud(seen, UP, floor, unit, config.surface, config.free, rng)
         quarter, place = place_in_quarter(made.box, unit, draws.T_world_object[i], draws.log_scale[i])
         weight = np.exp(-((draws.turned[i][:: TURNS // QUARTERS] / _ALIKE) ** 2))
         points.append(made.points)
@@ -187,7 +195,7 @@ def _row(seen: SeenObject, mesh: trimesh.Trimesh, rng: Generator) -> dict[str, n
         eye[k] = view.eye
     return {
         "surface": surface, "free": free, "eye": eye[:, 0], "views": np.array(len(views)),
-        "floor": np.array(seen.floor), "T_world_object": seen.T_world_object,
+        "floor": np.array(np.nan if seen.floor is None else seen.floor), "T_world_object": seen.T_world_object,
         "log_scale": np.log(seen.scale), "turned": turn_distances(mesh, seen.scale),
     }  # fmt: skip
 

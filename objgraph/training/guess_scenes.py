@@ -31,6 +31,8 @@ _TARGET = 1
 _HEIGHT_M = (1.0, 1.8)
 _LEAST_M = 0.6
 """Between a camera and the object's footprint."""
+_RAISED_M = (0.0, 1.2)
+"""How far above the floor what need not stand on it is."""
 
 
 ANY_SCAN = replace(HARD, sensor=(0.5, 2.0), mask_border_px=(0.5, 8.0), apart_deg=(5.0, 60.0))
@@ -55,8 +57,8 @@ class SeenObject:
     """Up to three views of one object, and where it is."""
 
     views: tuple[ObjectView, ...]
-    floor: float
-    """The floor's height as it is measured."""
+    floor: float | None
+    """The floor's height as it is measured; None for what need not stand on it."""
     T_world_object: Float[np.ndarray, "4 4"]
     """Upright: y along the world's z."""
     scale: Float[np.ndarray, "3"]
@@ -81,7 +83,7 @@ def draw_seen(
     scale = 2 * half / (mesh.extents if prior.box is None else prior.box)
     T_world_object = np.eye(4)
     T_world_object[:3, :3] = upright_axes(UP, rng.uniform(-np.pi, np.pi))
-    T_world_object[2, 3] = half[1]
+    T_world_object[2, 3] = half[1] + (0.0 if prior.stands else rng.uniform(*_RAISED_M))
     piece = Furniture("chair", "drawn", mesh, prior.size_mean, 1)
     target = PlacedFurniture(piece, T_world_object, scale)
     bearing = rng.uniform(-np.pi, np.pi)
@@ -91,10 +93,10 @@ def draw_seen(
     if rng.random() < config.wall:
         away = -_level(bearing + rng.uniform(-1.2, 1.2))
         shell.append(_slab((0.1, 8.0, 2.6), (*(away * (reach * rng.uniform(0.75, 1.6) + 0.05)), 1.3), away))
-    renderer = Renderer([target, *things], shell, rng)
+    renderer = Renderer([target, *things], shell, rng, colored=False)
     dark = dark_places(target.p_world[mesh.faces], faults.holes, rng)
     views = []
-    for k, pose in enumerate(_cameras(half, reach, bearing, faults, rng)):
+    for k, pose in enumerate(_cameras(T_world_object[2, 3], reach, bearing, faults, rng)):
         seen = photograph(renderer, pose, 0.0, dark, _TARGET, faults, SensorConfig(), str(k), rng)
         try:
             views.append(observe(seen.frame, _TARGET, SamplingConfig(), seed=int(rng.integers(2**31))))
@@ -102,7 +104,8 @@ def draw_seen(
             continue
     if len(views) < 2:
         return None
-    return SeenObject(tuple(views), faults.floor_m, T_world_object, scale)
+    floor = faults.floor_m if prior.stands else None
+    return SeenObject(tuple(views), floor, T_world_object, scale)
 
 
 def _thing(half: np.ndarray, reach: float, bearing: float, rng: Generator) -> PlacedFurniture:
@@ -124,13 +127,12 @@ def _thing(half: np.ndarray, reach: float, bearing: float, rng: Generator) -> Pl
     return PlacedFurniture(Furniture("chair", "box", mesh, 1.0, 1), T, np.full(3, np.linalg.norm(size)))
 
 
-def _cameras(half: np.ndarray, reach: float, bearing: float, faults: Faults, rng: Generator) -> list[Pose]:
+def _cameras(middle_m: float, reach: float, bearing: float, faults: Faults, rng: Generator) -> list[Pose]:
     """A walk about the object, or past it."""
     side, height = rng.choice([-1.0, 1.0]), rng.uniform(*_HEIGHT_M)
     # what is large is seen from farther off
     level = max(faults.distance_m, reach * rng.uniform(1.2, 2.5) + _LEAST_M)
-    middle = np.array([0.0, 0.0, half[1]])
-    aim = middle + rng.normal(0, faults.aim_m, 3) * [1, 1, 0.5]
+    aim = np.array([0.0, 0.0, middle_m]) + rng.normal(0, faults.aim_m, 3) * [1, 1, 0.5]
     poses = []
     for k in range(VIEWS):
         eye = level * _level(bearing + side * k * np.radians(0 if faults.walk else faults.apart_deg))

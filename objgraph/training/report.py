@@ -1,7 +1,7 @@
 """What an evaluation of a prior found: the JSON document and the table on the terminal."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from typing import Any
 
@@ -12,6 +12,7 @@ from objgraph.priors.shape_prior import ShapePrior
 from objgraph.training.evaluate import PriorEvaluationConfig, ShapeRow
 from objgraph.training.mesh_folder import ChosenMeshes
 from objgraph.training.random_codes import RandomCodes
+from objgraph.training.train_guess import GuessQuality
 
 MEASURED = (
     "canonical frame, unit box diagonal; chamfer: mean of the two directed mean point-to-surface distances; "
@@ -28,8 +29,12 @@ def document(
     rows: Sequence[ShapeRow],
     config: PriorEvaluationConfig,
     random_codes: RandomCodes | None = None,
+    guess: Mapping[int, GuessQuality] | None = None,
 ) -> dict[str, Any]:
-    """The evaluation as JSON: medians over all meshes, failures included, then a row for each; infinity is null."""
+    """The evaluation as JSON: medians over all meshes, failures included, then a row for each; infinity is null.
+
+    `guess` is what the first guess is worth, by the number of views; the headings' figures are those of most views.
+    """
     result: dict[str, Any] = {
         "category": prior.category,
         **summary(rows),
@@ -42,6 +47,17 @@ def document(
     if random_codes is not None:
         result["random_codes"] = asdict(random_codes)
         result |= {"one_piece": random_codes.one_piece, "fills_box": random_codes.fills_box}
+    if guess:
+        result["first_guess"] = {
+            str(views): {
+                **each.as_json(),
+                "confidence": each.confidence.tolist(),
+                "right": each.right.tolist(),
+            }
+            for views, each in guess.items()
+        }
+        most = guess[max(guess)]
+        result |= {"heading_right": most.heading_right, "heading_nll": most.heading_nll}
     result["rows"] = [asdict(row) for row in rows]
     return result
 

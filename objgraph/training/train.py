@@ -27,6 +27,7 @@ from objgraph.training.box_frame import BoxFrame
 from objgraph.training.checkpoint import AutoDecoder, pack, unpack
 from objgraph.training.corpus import Corpus, CorpusConfig
 from objgraph.training.samples import SampleConfig, SdfSamples
+from objgraph.training.train_guess import TrainGuessConfig
 
 log = logging.getLogger(__name__)
 
@@ -50,6 +51,8 @@ class TrainConfig:
     """The shapes."""
     samples: SampleConfig = field(default_factory=SampleConfig)
     """Where their distances are sampled."""
+    guess: TrainGuessConfig = field(default_factory=TrainGuessConfig)
+    """The network that says of what is seen how an object may stand, trained when the decoder is."""
     normalisation: Literal["box", "diagonal"] = "box"
     """The decoder's frame: every shape stretched to the category's typical box, so that the object's scales carry
     its extents alone, or the shape's own box of diagonal 1."""
@@ -117,6 +120,7 @@ class TrainConfig:
                 "device",
                 "bf16",
                 "checkpoint_seconds",
+                "guess",
             }
         }
         return hashlib.sha256(json.dumps(fixed, sort_keys=True, default=str).encode()).hexdigest()[:16]

@@ -25,10 +25,14 @@ from objgraph.training.guess_data import TURNS, Batch, Draws, batch
 
 @dataclass(frozen=True)
 class TrainGuessConfig:
-    """How it is trained."""
+    """How a first guess is trained."""
 
     network: FirstGuessConfig = field(default_factory=FirstGuessConfig)
+    """Its size; the length of codes is the decoder's."""
+    scenes: int = 6000
+    """Rendered scenes that it learns from, evenly of all training shapes."""
     steps: int = 8000
+    """Optimiser steps; without any the prior has no first guess."""
     batch: int = 64
     """Objects a step."""
     learning_rate: float = 1e-3
@@ -38,7 +42,9 @@ class TrainGuessConfig:
     half_precision: bool = True
     """Whether layers are multiplied in bfloat16."""
     seed: int = 0
+    """Of weights, scenes and batches."""
     checkpoint_every: int = 500
+    """Steps between checkpoints."""
 
 
 def loss(
@@ -125,6 +131,13 @@ class GuessQuality:
     """Probability of each object's likeliest quarter."""
     right: np.ndarray
     """Whether it is right."""
+
+    def as_json(self) -> dict[str, float | int]:
+        """All but the single objects."""
+        return {
+            "objects": len(self.right), "heading_right": self.heading_right, "heading_nll": self.heading_nll,
+            "centre_m": self.centre_m, "log_scale": self.log_scale,
+        }  # fmt: skip
 
 
 @torch.no_grad()

@@ -14,7 +14,7 @@ from objgraph.bench.worlds.cases import UP, BenchmarkConfig, Case, synthetic_cas
 from objgraph.estimate.graph import GraphEstimator
 from objgraph.estimate.task import EstimationTask
 from objgraph.graph.builder import GraphConfig, ObjectBuilder
-from objgraph.graph.initialise import InitialisationConfig, guesses, rank
+from objgraph.graph.initialise import first_states
 from objgraph.observation.sampling import ObjectView, observe
 from objgraph.priors.registry import prior_for
 
@@ -35,10 +35,8 @@ def deviations(case: Case, views: int, draws: int) -> tuple[np.ndarray, np.ndarr
     """Mean variances by the marginals, and variances over the draws, of pose and log-scale."""
     prior, floor = prior_for(case.category), case.world().floor
     several = [views_of(case, views, draw) for draw in range(draws)]
-    config = InitialisationConfig()
-    guessed = guesses(prior, several[0], UP, floor, config)
-    starts, _ = rank(prior, several[0], guessed, ObjectBuilder(GraphConfig(), UP, floor), config)
-    tasks = [EstimationTask(case.id, prior, tuple(starts[:1]), tuple(each), UP, floor) for each in several]
+    starts = first_states(prior, several[0], ObjectBuilder(GraphConfig(), UP, floor)).states
+    tasks = [EstimationTask(case.id, prior, starts[:1], tuple(each), UP, floor) for each in several]
     found = [each for each in GraphEstimator().estimate(tasks) if not isinstance(each, Exception)]
     middle = found[0].state
     errors = [

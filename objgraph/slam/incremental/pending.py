@@ -71,11 +71,14 @@ def first_estimate(
     Raises:
         InitialisationError, SolveError: it cannot be placed; the message says why.
     """
-    starts, _ = first_states(prior, views, builder, config.initialisation)
+    first = first_states(prior, views, builder, config.initialisation)
     rough = len(views) < config.views_to_enter
     assert builder.up_world is not None  # or nothing would have been placed
-    kept = tuple(starts[:1] if rough else starts)
-    task = EstimationTask(name, prior, kept, tuple(views), builder.up_world, builder.floor)
+    kept = 1 if rough else len(first.states)
+    task = EstimationTask(
+        name, prior, first.states[:kept], tuple(views), builder.up_world, builder.floor,
+        chances=first.chances[:kept],
+    )  # fmt: skip
     (result,) = GraphEstimator(
         config.graph, config.rough if rough else config.start, heading_modes=None
     ).estimate([task])

@@ -19,7 +19,7 @@ from objgraph.covariance.labelled import RIGID_AXES, ObjectCovariance
 from objgraph.datasets.ground_truth import AnnotatedScan, GroundTruth
 from objgraph.errors import ObservationError, SolveError
 from objgraph.estimate.task import Estimate, EstimationTask
-from objgraph.graph.initialise import InitialisationConfig
+from objgraph.graph.initialise import FirstStates, InitialisationConfig
 from objgraph.observation.frames import Instance
 from objgraph.observation.sampling import SamplingConfig
 from tests.toys import TOY_CODE, ListedFrames, toy_frame, toy_mesh, toy_prior, toy_state
@@ -149,15 +149,11 @@ FAKES = {
 }
 
 
-def _guesses(prior, views, up_world, floor, config) -> list[ObjectState]:
+def _first_states(prior, views, builder, config) -> FirstStates:
     """A centimetre beside the truth, which the frames' names tell."""
     state = FakeCase(int(views[0].frame.split("/")[0])).state()
     aside = gtsam.Pose3(gtsam.Rot3.Ry(0.02), np.array([0.0, 0.0, 0.01]))
-    return [replace(state, T_world_object=state.T_world_object.compose(aside))]
-
-
-def _rank(prior, views, states, *_):
-    return states, []
+    return FirstStates((replace(state, T_world_object=state.T_world_object.compose(aside)),))
 
 
 def install(patch: Any = None) -> None:
@@ -165,8 +161,7 @@ def install(patch: Any = None) -> None:
     put = setattr if patch is None else patch.setattr
     for module in (measure, comparison_config):
         put(module, "find_prior", lambda category, files: toy_prior())
-    put(starts, "guesses", _guesses)
-    put(starts, "rank", _rank)
+    put(starts, "first_states", _first_states)
     for name, method in FAKES.items():
         METHODS[name] = method if patch is None else METHODS.get(name, method)
         if patch is not None:

@@ -16,6 +16,7 @@ from objgraph.bench.comparison.objects.measure import Job, measure
 from objgraph.bench.comparison.objects.rows import ObjectRow
 from objgraph.bench.comparison.running.store import SETTINGS
 from objgraph.errors import EvaluationError
+from objgraph.graph.initialise import FirstStates
 from objgraph.priors.misfit import BoxMisfit
 from tests.objgraph.bench.comparison_fakes import (
     FAST,
@@ -249,7 +250,7 @@ def test_methods_that_did_not_start_alike_are_told(tmp_path, monkeypatch, caplog
     both = replace(comparison, methods=("near", "far"))
     with monkeypatch.context() as patch:
         moved = FakeCase(0).state().retract(np.full(13, 0.01))
-        patch.setattr(starts, "rank", lambda *_: ([moved], []))
+        patch.setattr(starts, "first_states", lambda *_: FirstStates((moved,)))
         rows = compare(both, version="2")
     assert starts_apart(rows) == [("chair-0", 1), ("chair-1", 1)]
     assert "did not start alike on 2 of the objects" in caplog.text

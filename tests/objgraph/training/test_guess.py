@@ -12,12 +12,18 @@ import trimesh
 from numpy.testing import assert_allclose
 
 from objgraph.errors import InitialisationError, PriorError
+from objgraph.graph.builder import ObjectBuilder
+from objgraph.graph.initialise import InitialisationConfig, first_states
 from objgraph.graph.proposals import proposals
 from objgraph.observation.sampling import ObjectView, SamplingConfig, observe
 from objgraph.priors.first_guess import FirstGuess, FirstGuessConfig
 from objgraph.priors.shape_prior import ShapePrior
+from objgraph.training.corpus import Corpus
+from objgraph.training.guess import with_first_guess
 from objgraph.training.guess_data import Draws, Shape, batch, draw_all, turn_distances
 from objgraph.training.guess_scenes import UP, SceneConfig, draw_seen
+from objgraph.training.index import CadMesh
+from objgraph.training.samples import SdfSamples
 from objgraph.training.train_guess import TrainGuessConfig, measure_guess, train_guess
 from tests.toys import TOY_CODE, toy_frame, toy_mesh, toy_prior, toy_state
 
@@ -77,6 +83,7 @@ def test_what_is_seen_lies_on_the_object_or_outside_of_it() -> None:
     # masks are wrong and cameras are off, so not all of them
     assert near.all(axis=1).mean() > 0.7
     assert seen.T_world_object[2, 3] == pytest.approx(0.5 * shape.extents[1] * seen.scale[1])
+    assert seen.floor is not None
     assert abs(seen.floor) < 0.1
 
 
@@ -141,6 +148,63 @@ def test_proposals_are_likeliest_first_and_turn_with_the_world() -> None:
         assert_allclose(T.rotation().matrix(), b.state.T_world_object.rotation().matrix(), atol=1e-3)
         # upright: the object's y is up
         assert_allclose(b.state.T_world_object.rotation().matrix()[:, 1], UP, atol=1e-6)
+
+
+def test_a_prior_gets_a_guess_and_its_card_says_what_it_is_worth(tmp_path: Path) -> None:
+    """From codes and held-out meshes; what is done is not done again, and another decoder's is."""
+    for i, shape in enumerate(shapes()[:2]):
+        assert shape.mesh is not None
+        shape.mesh.export(tmp_path / f"{i}.ply")
+    unseen = tuple(CadMesh(tmp_path, f"{i}.ply", str(i), "", "", "", None) for i in range(2))
+    samples = [SdfSamples(shape.name, np.zeros((0, 3)), np.zeros(0), shape.extents) for shape in shapes()]
+    corpus = Corpus(tuple(samples), (), (), unseen, {})
+    config = replace(CONFIG, scenes=12, steps=20)
+    prior = with_first_guess(toy_prior(), CODES, corpus, config, tmp_path / "work")
+    assert prior.guess is not None
+    said = prior.card["first_guess"]
+    assert said["scenes"] <= 12
+    assert set(said["heldout"]) == {"1", "2", "3"}
+    assert 0 <= said["heldout"]["1"]["heading_right"] <= 1
+    kept = sorted((tmp_path / "work").rglob("*.safetensors"))
+    before = [path.stat().st_mtime_ns for path in kept]
+    again = with_first_guess(toy_prior(), CODES, corpus, config, tmp_path / "work")
+    assert [path.stat().st_mtime_ns for path in kept] == before
+    assert again.guess is not None
+    for a, b in zip(prior.guess.parameters(), again.guess.parameters(), strict=True):
+        assert torch.equal(a, b)
+
+
+def test_what_need_not_stand_is_seen_above_the_floor() -> None:
+    shape, rng = shapes()[0], np.random.default_rng(1)
+    assert shape.mesh is not None
+    hung = replace(toy_prior(), card={"stands": False})
+    seen = [draw_seen(shape.mesh, shape.extents, hung, SceneConfig(), rng) for _ in range(4)]
+    raised = [
+        each.T_world_object[2, 3] - 0.5 * shape.extents[1] * each.scale[1]
+        for each in seen
+        if each is not None
+    ]
+    assert max(raised) > 0.1
+    assert all(each.floor is None for each in seen if each is not None)
+
+
+def test_first_states_are_the_likely_proposals() -> None:
+    prior = prior_with_guess()
+    every = proposals(prior, views(), UP, 0.0)
+    limit = 0.5 * (every[1].probability + every[2].probability)
+    found = first_states(
+        prior, views(), ObjectBuilder(up_world=UP, floor=0.0), InitialisationConfig(least_chance=limit)
+    )
+    assert found.chances == pytest.approx([each.probability for each in every[:2]])
+    assert not found.tried
+    for state, proposal in zip(found.states, every, strict=False):
+        assert_allclose(state.code, proposal.state.code)
+        assert state.T_world_object.equals(proposal.state.T_world_object, 1e-9)
+    # however unlikely, one is left
+    alone = first_states(
+        prior, views(), ObjectBuilder(up_world=UP, floor=0.0), InitialisationConfig(least_chance=1.0)
+    )
+    assert len(alone.states) == 1
 
 
 def test_too_few_points_are_no_object() -> None:

@@ -36,6 +36,7 @@ from objgraph.training.train import (
     sign_errors,
     train,
 )
+from objgraph.training.train_guess import TrainGuessConfig
 
 
 def ball(radius: float, seed: int, count: int = 1500) -> SdfSamples:
@@ -69,6 +70,7 @@ def config(tmp_path: Path) -> TrainConfig:
         warmup=3,
         learning_rate=3e-3,
         average_decay=0.9,
+        guess=TrainGuessConfig(steps=0),
     )
 
 

@@ -10,7 +10,6 @@ import numpy as np
 import torch
 import trimesh
 
-from factors.state import ObjectState
 from objgraph.bench.comparison.contenders.methods import Clock, StartKind, estimated, failure_of, method
 from objgraph.bench.comparison.objects.cases import Case
 from objgraph.bench.comparison.objects.config import ComparisonConfig, find_prior
@@ -116,27 +115,31 @@ def _from_starts(
         views = views_of(config.sampling)
         return find_start(kind, seen.prior, views, seen.scan.up_world, seen.floor, config)
 
-    done: dict[tuple[str, StartKind], ObjectRow] = {}
+    done: dict[tuple[str, StartKind, int], ObjectRow] = {}
     for row in rows.values():
         chosen = method(row.method)
         kind: StartKind = "best" if row.start == SHARED else chosen.start
-        if (row.method, kind) in done:
-            # its own start is the shared one
-            yield replace(done[row.method, kind], start=row.start, settings=row.settings)
-            continue
+        key = None
         try:
             start = start_of(kind)
+            start = start.first() if row.start == SHARED else start
+            key = row.method, kind, len(start.states)
+            if key in done:
+                # its own start is the shared one
+                yield replace(done[key], start=row.start, settings=row.settings)
+                continue
             row = replace(
                 row,
                 start_seconds=start.seconds,
-                start_T_world_object=plain(start.state.T_world_object.matrix()),
-                start_scale=plain(start.state.scale),
+                start_T_world_object=plain(start.states[0].T_world_object.matrix()),
+                start_scale=plain(start.states[0].scale),
             )
-            row = _estimated(row, case, seen, start.state, views_of(chosen.sampling), config)
+            row = _estimated(row, case, seen, start, views_of(chosen.sampling), config)
         except Exception as error:  # nor may a method stop the others
             log.debug("%s: %s", case.id, row.contender, exc_info=True)
             row = replace(row, failure=failure_of(error))
-        done[row.method, kind] = row
+        if key is not None:
+            done[key] = row
         yield row
 
 
@@ -161,12 +164,15 @@ def _estimated(
     row: ObjectRow,
     case: Case,
     seen: _Seen,
-    start: ObjectState,
+    start: Start,
     views: Sequence[ObjectView],
     config: ComparisonConfig,
 ) -> ObjectRow:
     """The row of one method's estimate; only what is done after it sees the ground truth."""
-    task = EstimationTask(case.id, seen.prior, (start,), tuple(views), seen.scan.up_world, seen.floor)
+    task = EstimationTask(
+        case.id, seen.prior, start.states, tuple(views), seen.scan.up_world, seen.floor,
+        chances=start.chances,
+    )  # fmt: skip
     estimator, clock = method(row.method).estimator(), Clock()
     (estimate,) = estimated(estimator, [task])
     row = replace(row, **clock.spent())

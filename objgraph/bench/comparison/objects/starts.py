@@ -18,7 +18,7 @@ from objgraph.bench.comparison.objects.config import ComparisonConfig
 from objgraph.errors import InitialisationError
 from objgraph.geometry.frames import transformed_back
 from objgraph.graph.builder import ObjectBuilder
-from objgraph.graph.initialise import guesses, rank
+from objgraph.graph.initialise import first_states
 from objgraph.observation.gravity_box import gravity_box, smallest_heading
 from objgraph.observation.sampling import ObjectView
 from objgraph.priors.mesh import extract_mesh
@@ -34,10 +34,16 @@ _CUT_M = 0.15
 
 @dataclass(frozen=True)
 class Start:
-    """A first state, and the processor seconds that it took."""
+    """First states, the likeliest first, and the processor seconds that they took."""
 
-    state: ObjectState
+    states: tuple[ObjectState, ...]
     seconds: float
+    chances: tuple[float, ...] = ()
+    """How likely each is by the prior's first guess; empty where it has none."""
+
+    def first(self) -> "Start":
+        """The likeliest alone."""
+        return Start(self.states[:1], self.seconds)
 
 
 def find_start(
@@ -48,20 +54,18 @@ def find_start(
     floor: float | None,
     config: ComparisonConfig,
 ) -> Start:
-    """A method's first state; only "best" is told where the floor is.
+    """A method's first states, of which there is one but for "best"; only that is told where the floor is.
 
     Raises:
         InitialisationError: there are too few points, or no guess can be solved.
     """
     begun = time.process_time()
     if kind == "best":
-        states = guesses(prior, views, up_world, floor, config.initialisation)
-        state = rank(
-            prior, views, states, ObjectBuilder(config.graph, up_world, floor), config.initialisation
-        )[0][0]
-    else:
-        state = mean_shape_by_icp(prior, views, up_world, one_scale=kind == "icp-7dof")
-    return Start(state, time.process_time() - begun)
+        builder = ObjectBuilder(config.graph, up_world, floor)
+        found = first_states(prior, views, builder, config.initialisation)
+        return Start(found.states, time.process_time() - begun, found.chances)
+    state = mean_shape_by_icp(prior, views, up_world, one_scale=kind == "icp-7dof")
+    return Start((state,), time.process_time() - begun)
 
 
 def mean_shape_by_icp(
