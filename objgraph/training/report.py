@@ -51,8 +51,8 @@ def document(
         result["first_guess"] = {
             str(views): {
                 **each.as_json(),
-                "confidence": each.confidence.tolist(),
-                "right": each.right.tolist(),
+                "probability": each.probability.tolist(),
+                "wanted": each.wanted.tolist(),
             }
             for views, each in guess.items()
         }

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import torch
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from numpy.random import Generator
 from torch import Tensor
 
@@ -127,10 +127,12 @@ class GuessQuality:
     """Median distance of the likeliest heading's centre from the true one, metres."""
     log_scale: float
     """Median, over objects, of the root mean square error of the scale's logarithm."""
-    confidence: Float[np.ndarray, "n"]
-    """Probability of each object's likeliest quarter."""
-    right: np.ndarray
-    """Whether it is right."""
+    right: Bool[np.ndarray, "n"]
+    """Whether each object's likeliest heading is."""
+    probability: Float[np.ndarray, "n 4"]
+    """Of each object's quarters."""
+    wanted: Float[np.ndarray, "n 4"]
+    """What they should be: one, or shared by those that look the same."""
 
     def as_json(self) -> dict[str, float | int]:
         """All but the single objects."""
@@ -166,8 +168,9 @@ def measure_guess(
         float(-mass.clamp(min=1e-6).log().mean()),
         float(off[:, 1:4].norm(dim=1).median()) * unit,
         float(off[:, 4:7].square().mean(dim=1).sqrt().median()),
-        guesses.log_probability[each, best].exp().numpy(),
         right,
+        guesses.log_probability.exp().numpy(),
+        wanted.weight.numpy(),
     )
 
 

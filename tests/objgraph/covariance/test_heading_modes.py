@@ -74,3 +74,19 @@ def test_a_box_that_may_stand_the_other_way_round_is_held_both_ways():
         assert count == 0 or squared[0] > 1000
     added = doubtful.covariance.matrix - sure.covariance.matrix
     assert np.linalg.eigvalsh(added).min() > -1e-12
+
+
+def test_states_are_told_apart_by_the_nearest_quarter_of_the_estimate():
+    """Of two at one turn the cheaper counts; what stands as the estimate does is the estimate's own heading."""
+    angles = (0.3, 0.3 + np.pi / 2 + 0.2, 0.3 + np.pi / 2 - 0.2, 0.3 - np.pi / 2)
+    states = [
+        replace(toy_state(), T_world_object=PLACE.compose(gtsam.Pose3(gtsam.Rot3.Ry(angle), np.zeros(3))))
+        for angle in angles
+    ]
+    found = HeadingModes.of_states(states, np.array([1.0, 4.0, 2.0, 3.0]), 0, 1.0)
+    weight = np.exp(-np.array([1.0, 2.0, np.inf, 3.0]))
+    np.testing.assert_allclose(found.probability, weight / weight.sum())
+    assert found.states[0] is states[0]
+    assert found.states[1] is states[2]
+    assert found.states[2] is None
+    assert found.states[3] is states[3]

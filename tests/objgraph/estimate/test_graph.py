@@ -35,3 +35,34 @@ def test_a_task_whose_starts_all_fail_fails_alone():
     assert isinstance(lost, SolveError)
     assert str(lost).startswith("lost: ")
     assert isinstance(found, Estimate)
+
+
+def test_between_starts_that_cost_alike_the_first_guess_decides():
+    """Twice the same start costs the same; and what a first guess holds for impossible is not taken though it is cheaper."""
+    likely = task(starts=(NEAR, BACK), chances=(0.7, 0.3))
+    unlikely = replace(likely, chances=(1e-300, 1.0))
+    for given, right in ((likely, True), (unlikely, False)):
+        (found,) = GraphEstimator(solver=QUICK).estimate([given])
+        assert isinstance(found, Estimate)
+        assert (pose_error(found.state) < 0.03) == right
+        assert found.turns is not None
+        assert found.turns.probability[0] == pytest.approx(1.0, abs=0.01)
+
+
+def test_the_headings_of_a_first_guess_are_the_modes():
+    """Their probabilities are those of costs and chances together, and no other turn is searched for."""
+    given = task(starts=(NEAR, BACK), chances=(0.5, 0.5))
+    (found,) = GraphEstimator(solver=QUICK).estimate([given])
+    (again,) = GraphEstimator(solver=QUICK).estimate([replace(given, chances=(0.1, 0.9))])
+    assert isinstance(found, Estimate)
+    assert isinstance(again, Estimate)
+    assert found.turns is not None
+    assert again.turns is not None
+    odds = [turns.probability[2] / turns.probability[0] for turns in (found.turns, again.turns)]
+    assert odds[1] == pytest.approx(9 * odds[0], rel=1e-6)
+    assert found.turns.states[0] is not None
+    assert found.turns.states[2] is not None
+    assert found.turns.states[1] is found.turns.states[3] is None
+    (single,) = GraphEstimator(solver=QUICK, heading_modes=None).estimate([given])
+    assert isinstance(single, Estimate)
+    assert single.turns is None
