@@ -9,6 +9,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from objgraph.errors import ObservationError
+from objgraph.geometry.voxels import voxel_indices, voxel_keys
 from objgraph.observation.frames import Frame
 
 
@@ -70,18 +71,19 @@ def of_one_object(
     """
     if len(points) == 0:
         return np.zeros(0, dtype=bool)
-    cells, inverse = np.unique(np.floor(points / cell).astype(int), axis=0, return_inverse=True)
+    keys, inverse = np.unique(voxel_keys(points, cell), return_inverse=True)
+    cells = voxel_indices(keys)
     tree = cKDTree(cells * cell)
     pairs = tree.query_pairs(2.0 * cell, output_type="ndarray")
     links = coo_matrix((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(cells),) * 2)
     _, part = connected_components(links, directed=False)
-    size = np.bincount(part[inverse.ravel()], minlength=part.max() + 1)
+    size = np.bincount(part[inverse], minlength=part.max() + 1)
     large = (size >= min(share * len(points), size.max()))[part]
     near = cKDTree(cells[large] * cell).query(cells * cell)[0] <= gap
     whole = np.bincount(part, weights=near, minlength=len(size)) > 0.5 * np.bincount(
         part, minlength=len(size)
     )
-    return (large | whole[part])[inverse.ravel()]
+    return (large | whole[part])[inverse]
 
 
 def free_weights(mask: Bool[np.ndarray, "h w"], margin: float) -> Float[np.ndarray, "h w"]:

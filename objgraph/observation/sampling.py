@@ -9,6 +9,7 @@ from jaxtyping import Float
 from factors.rays import Rays
 from objgraph.errors import ObservationError
 from objgraph.geometry.frames import transformed
+from objgraph.geometry.voxels import voxel_keys
 from objgraph.observation.frames import Frame
 from objgraph.observation.masks import (
     check_mask,
@@ -175,10 +176,8 @@ def independent_shares(points: Float[np.ndarray, "n 3"], edge: float, most: floa
 
     No point is more than `most`: a stray one must not speak for a whole patch.
     """
-    _, inverse, counts = np.unique(
-        np.floor(points / edge).astype(int), axis=0, return_inverse=True, return_counts=True
-    )
-    return np.minimum(1.0 / counts[inverse.ravel()], most)
+    _, inverse, counts = np.unique(voxel_keys(points, edge), return_inverse=True, return_counts=True)
+    return np.minimum(1.0 / counts[inverse], most)
 
 
 def rigid_pose(frame: Frame, where: str) -> gtsam.Pose3:
@@ -194,10 +193,8 @@ def rigid_pose(frame: Frame, where: str) -> gtsam.Pose3:
 
 def _even_weights(points: Float[np.ndarray, "n 3"], edge: float = 0.03) -> Float[np.ndarray, "n"]:
     """Weights that even out how densely the surface is sampled, so that a thin leg counts beside a wide seat."""
-    _, inverse, counts = np.unique(
-        np.floor(points / edge).astype(int), axis=0, return_inverse=True, return_counts=True
-    )
-    return 1.0 / np.sqrt(counts[inverse.ravel()])
+    _, inverse, counts = np.unique(voxel_keys(points, edge), return_inverse=True, return_counts=True)
+    return 1.0 / np.sqrt(counts[inverse])
 
 
 def _draw(rng: np.random.Generator, weight: Float[np.ndarray, "n"], count: int) -> np.ndarray:

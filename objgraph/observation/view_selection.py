@@ -8,10 +8,10 @@ from jaxtyping import Bool, Float, Int
 
 from objgraph.errors import ObservationError
 from objgraph.geometry.frames import transformed
+from objgraph.geometry.voxels import voxel_keys
 from objgraph.observation.frames import Frame, FrameSource
 
 _REFERENCE_PIXELS = 640 * 480
-_VOXEL_BITS = 21
 
 
 @dataclass(frozen=True)
@@ -135,7 +135,7 @@ def _summarize_frame(index: int, frame: Frame, config: ViewSelectionConfig) -> l
             frame=index,
             pixels=len(points) * _REFERENCE_PIXELS / depth.size,
             cut=min(1.0, float(cuts[instance_id] / (config.border * np.sqrt(areas[instance_id])))),
-            voxels=_voxel_keys(points, config.voxel),
+            voxels=np.unique(voxel_keys(points, config.voxel)),
             direction_world=to_camera / max(float(np.linalg.norm(to_camera)), 1e-9),
         )
         views.append((int(instance_id), view))
@@ -146,9 +146,3 @@ def _edge(shape: tuple[int, ...], border: int) -> Bool[np.ndarray, "h w"]:
     edge = np.ones(shape, dtype=bool)
     edge[border : shape[0] - border, border : shape[1] - border] = False
     return edge
-
-
-def _voxel_keys(points: Float[np.ndarray, "n 3"], voxel: float) -> Int[np.ndarray, "k"]:
-    """Sorted keys, one integer a cell: three signed indices of 21 bits each."""
-    cells = np.floor(points / voxel).astype(np.int64) + (1 << (_VOXEL_BITS - 1))
-    return np.unique((cells[:, 0] << 2 * _VOXEL_BITS) | (cells[:, 1] << _VOXEL_BITS) | cells[:, 2])

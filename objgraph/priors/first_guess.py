@@ -27,9 +27,9 @@ class FirstGuessConfig:
     """Size of the network."""
 
     code_length: int = 64
-    surface: int = 256
+    surface: int = 128
     """Points seen on the object that it takes."""
-    free: int = 128
+    free: int = 64
     """Points seen to be empty that it takes."""
     heading_width: int = 128
     """Of what the network of headings knows of each point."""

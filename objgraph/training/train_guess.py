@@ -33,7 +33,7 @@ class TrainGuessConfig:
     """Rendered scenes that it learns from, evenly of all training shapes."""
     steps: int = 8000
     """Optimiser steps; without any the prior has no first guess."""
-    batch: int = 64
+    batch: int = 32
     """Objects a step."""
     learning_rate: float = 1e-3
     """Of Adam; it falls to nothing along a cosine."""

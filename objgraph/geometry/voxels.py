@@ -1,0 +1,22 @@
+"""Cubes of a grid in space, one integer each."""
+
+import numpy as np
+from jaxtyping import Float, Int
+
+_BITS = 21
+_OFFSET = 1 << (_BITS - 1)
+
+
+def voxel_keys(points: Float[np.ndarray, "n 3"], edge: float) -> Int[np.ndarray, "n"]:
+    """The cube of that edge that each point lies in; keys are in the order of their indices along x, then y, then z.
+
+    Indices are of 21 bits, a million cubes to either side.
+    """
+    x, y, z = (np.floor(points / edge).astype(np.int64) + _OFFSET).T
+    return (x << 2 * _BITS) | (y << _BITS) | z
+
+
+def voxel_indices(keys: Int[np.ndarray, "n"]) -> Int[np.ndarray, "n 3"]:
+    """The indices of cubes along the axes."""
+    mask = (1 << _BITS) - 1
+    return np.stack([keys >> 2 * _BITS, (keys >> _BITS) & mask, keys & mask], axis=1) - _OFFSET
