@@ -43,6 +43,13 @@ def _train(arguments: list[str], console: "Console") -> None:
     console.print(f"written to {train_command(_parsed(TrainConfig, 'train', arguments))}")
 
 
+def _train_guess(arguments: list[str], console: "Console") -> None:
+    """Give a prior that has none a first guess: a network that proposes how an object may stand."""
+    from objgraph.training.guess import GuessCommand, guess_command
+
+    console.print(f"written to {guess_command(_parsed(GuessCommand, 'train-guess', arguments))}")
+
+
 def _convert_prior(arguments: list[str], console: "Console") -> None:
     """Make a prior of a DeepSDF experiment folder (specs.json and ModelParameters)."""
     from objgraph.training.convert import ConvertConfig, convert_command
@@ -76,6 +83,7 @@ VERBS: dict[str, Callable[[list[str], "Console"], None]] = {
     "next-view": _next_view,
     "evaluate": _evaluate,
     "train": _train,
+    "train-guess": _train_guess,
     "convert-prior": _convert_prior,
     "priors": _priors,
     "evaluate-prior": _evaluate_prior,

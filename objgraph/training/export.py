@@ -1,22 +1,22 @@
 """From a training to a prior that ships: statistics, measured errors, model card, attribution."""
 
 import logging
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import asdict, replace
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn, TimeRemainingColumn
 
 from objgraph.priors.shape_prior import ShapePrior
 from objgraph.priors.store import save_prior
 from objgraph.training.corpus import Corpus, build_corpus
 from objgraph.training.fit import FitError, fit_error, typical_codes
 from objgraph.training.guess import with_first_guess
+from objgraph.training.guess_data import Shape
 from objgraph.training.index import CadMesh
+from objgraph.training.progress import bars
 from objgraph.training.samples import SURFACE_POINTS
 from objgraph.training.size import size_statistics
 from objgraph.training.train import TrainConfig, Trained, load_trained, train
@@ -34,12 +34,10 @@ def train_command(config: TrainConfig) -> Path:
         PriorError: the meshes or the checkpoint cannot be used, or the training diverged.
     """
     corpus = _corpus(config)
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    with Progress(*columns, transient=True) as bar:
-        task = bar.add_task(f"training {config.category}", total=config.steps)
+    with bars() as show:
 
         def report(step: int, loss: float) -> None:
-            bar.update(task, completed=step, description=f"training {config.category}, loss {loss:.5f}")
+            show(f"training {config.category}, loss {loss:.5f}", step, config.steps)
 
         trained = train(config, corpus, report)
     return _write(config, corpus, trained)
@@ -57,26 +55,10 @@ def export_command(config: TrainConfig) -> Path:
 
 def _corpus(config: TrainConfig) -> Corpus:
     cache = config.out / "cache" / config.category
-    with _bars("sampling ") as report:
+    with bars("sampling ") as report:
         return build_corpus(
             config.category, config.meshes, config.corpus, config.samples, cache, config.jobs, report
         )
-
-
-@contextmanager
-def _bars(prefix: str = "") -> Iterator[Callable[[str, int, int], None]]:
-    """A bar for each kind of work that is reported."""
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    with Progress(*columns, transient=True) as bar:
-        tasks: dict[str, TaskID] = {}
-
-        def report(words: str, done: int, total: int) -> None:
-            kind = words.split(",")[0]
-            if kind not in tasks:
-                tasks[kind] = bar.add_task(prefix + words)
-            bar.update(tasks[kind], completed=done, total=total, description=prefix + words)
-
-        yield report
 
 
 def _write(config: TrainConfig, corpus: Corpus, trained: Trained) -> Path:
@@ -85,8 +67,13 @@ def _write(config: TrainConfig, corpus: Corpus, trained: Trained) -> Path:
     save_prior(prior, path)
     if config.guess.steps:
         work = config.out / "guess" / config.category
-        with _bars() as report:
-            prior = with_first_guess(prior, trained.codes, corpus, config.guess, work, config.jobs, report)
+        shapes = [
+            Shape(shape.name, shape.extents, code=code)
+            for shape, code in zip(corpus.training, trained.codes, strict=True)
+        ]
+        unseen = [(entry.path, entry.file) for entry in corpus.unseen]
+        with bars() as report:
+            prior = with_first_guess(prior, shapes, unseen, config.guess, work, config.jobs, report)
         save_prior(prior, path)
     log.info("%s: step %d, held out: %s", path, trained.step, prior.card["heldout"]["summary"])
     return path

@@ -1,68 +1,117 @@
-"""From a trained prior to one with a first guess: scenes of its training shapes, a network, what it does on held-out meshes."""
+"""From a prior to one with a first guess: scenes of its shapes, a network, and what it does on meshes that it never saw."""
 
 import hashlib
-import logging
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float
 
 from objgraph.errors import PriorError
+from objgraph.priors.registry import load_prior
 from objgraph.priors.shape_prior import ShapePrior
-from objgraph.priors.store import digest
-from objgraph.training.corpus import Corpus
+from objgraph.priors.store import digest, save_prior
 from objgraph.training.guess_data import Shape, draw_all
 from objgraph.training.guess_scenes import VIEWS, SceneConfig
 from objgraph.training.mesh_files import canonical, read_mesh
+from objgraph.training.mesh_folder import choose_meshes
+from objgraph.training.progress import Report, bars
 from objgraph.training.train_guess import GuessQuality, TrainGuessConfig, measure_guess, train_guess
 
-log = logging.getLogger(__name__)
+_WITHIN = 2.0
+"""Standard deviations, along each axis, within which random codes are drawn."""
 
-Progress = Callable[[str, int, int], None]
-"""Called with what is done, how much of it, and how much there is."""
+
+@dataclass(frozen=True)
+class GuessCommand:
+    """Give a prior a first guess, trained on shapes of random codes: for one whose training shapes are not at hand."""
+
+    prior: str
+    """A shipped category, or a .safetensors file."""
+    out: Path
+    """The prior to write, with the guess."""
+    meshes: tuple[Path, ...] = ()
+    """Folders of meshes to measure it on: of those with an `index.json` what the prior has not seen."""
+    work: Path = Path("out/guess")
+    """Folder for scenes and checkpoint; a killed run goes on there."""
+    jobs: int = 1
+    """Processes that draw scenes."""
+    guess: TrainGuessConfig = field(default_factory=TrainGuessConfig)
+    """How it is trained."""
+
+
+def guess_command(command: GuessCommand) -> Path:
+    """Draw, train and measure with progress bars, and write the prior.
+
+    Raises:
+        PriorError: there is no such prior, or none of its shapes is seen in any scene.
+        EvaluationError: there are no meshes to measure it on in the folders given.
+    """
+    prior = load_prior(command.prior)
+    unseen = []
+    if command.meshes:
+        chosen = choose_meshes(command.meshes, prior.category, prior)
+        unseen = list(zip(chosen.paths, chosen.names, strict=True))
+    shapes = random_shapes(prior, command.guess.scenes, command.guess.seed)
+    with bars() as report:
+        work = command.work / prior.category
+        prior = with_first_guess(prior, shapes, unseen, command.guess, work, command.jobs, report)
+    save_prior(prior, command.out)
+    return command.out
+
+
+def random_shapes(prior: ShapePrior, count: int, seed: int) -> list[Shape]:
+    """Random codes, each with the proportions of a random object."""
+    rng = np.random.default_rng(seed)
+    codes = prior.draw_codes(count, rng, _WITHIN)
+    box = np.full(3, 1 / np.sqrt(3)) if prior.box is None else prior.box
+    edges = box * np.exp(rng.normal(0, prior.anisotropy_sigma or 0.0, (count, 3)))
+    extents = edges / np.linalg.norm(edges, axis=1, keepdims=True)
+    return [Shape(f"random {i}", extents[i], code=codes[i]) for i in range(count)]
 
 
 def with_first_guess(
     prior: ShapePrior,
-    codes: Float[np.ndarray, "s l"],
-    corpus: Corpus,
+    shapes: Sequence[Shape],
+    unseen: Sequence[tuple[Path, str]],
     config: TrainGuessConfig,
     work: Path,
     jobs: int = 1,
-    progress: Progress | None = None,
+    progress: Report | None = None,
 ) -> ShapePrior:
-    """The prior with a first guess, trained on scenes of the corpus' shapes as the prior makes them of their codes.
+    """The prior with a first guess, trained on scenes of shapes as the prior makes them of their codes.
 
     What is done is kept in the folder `work`, and a killed run goes on there. The card says what the guess is worth on the
-    corpus' held-out meshes.
+    `unseen` meshes (files and names).
 
     Raises:
-        PriorError: none of the shapes is seen in any scene.
+        PriorError: none of the shapes is seen in any scene, or a mesh cannot be read.
     """
     tell = progress or (lambda what, done, total: None)
     config = replace(config, network=replace(config.network, code_length=prior.decoder.code_length))
-    settings = repr((digest(dict(prior.decoder.state_dict())), config.scenes, config.seed, SceneConfig()))
-    cache = work / hashlib.sha256(settings.encode()).hexdigest()[:12]
-    shapes = [
-        Shape(shape.name, shape.extents, code=code)
-        for shape, code in zip(corpus.training, codes, strict=True)
-    ]
     some = np.sort(np.random.default_rng(config.seed).permutation(len(shapes))[: config.scenes])
+    drawn = [shapes[i] for i in some]
+    codes = np.array([shape.code for shape in drawn])
+    settings = (
+        digest(dict(prior.decoder.state_dict())),
+        codes.tobytes(),
+        config.scenes,
+        config.seed,
+        SceneConfig(),
+    )
+    cache = work / hashlib.sha256(repr(settings).encode()).hexdigest()[:12]
     draws = draw_all(
-        [shapes[i] for i in some], prior, max(1, config.scenes // len(shapes)), SceneConfig(), config.seed,
+        drawn, prior, max(1, config.scenes // len(shapes)), SceneConfig(), config.seed,
         cache / "training", jobs, lambda done, total: tell("drawing scenes", done, total),
     )  # fmt: skip
     guess = train_guess(
-        draws, codes[some], prior.size_mean, config, cache / "checkpoint",
+        draws, codes, prior.size_mean, config, cache / "checkpoint",
         lambda step, steps, loss: tell(f"training the first guess, loss {loss:.3f}", step, steps),
     )  # fmt: skip
-    card: dict[str, object] = {"settings": asdict(config), "scenes": len(draws)}
-    if corpus.unseen:
-        meshes = [(entry.path, entry.file) for entry in corpus.unseen]
+    card: dict[str, object] = {"settings": asdict(config), "shapes": len(drawn), "scenes": len(draws)}
+    if unseen:
         quality = guess_quality(
-            replace(prior, guess=guess), meshes, config.seed, cache / "heldout", jobs,
+            replace(prior, guess=guess), unseen, config.seed, cache / "heldout", jobs,
             progress=lambda done, total: tell("drawing held-out scenes", done, total),
         )  # fmt: skip
         card["heldout"] = {str(views): each.as_json() for views, each in quality.items()}

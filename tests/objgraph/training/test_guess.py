@@ -17,13 +17,12 @@ from objgraph.graph.initialise import InitialisationConfig, first_states
 from objgraph.graph.proposals import proposals
 from objgraph.observation.sampling import ObjectView, SamplingConfig, observe
 from objgraph.priors.first_guess import FirstGuess, FirstGuessConfig
+from objgraph.priors.registry import load_prior
 from objgraph.priors.shape_prior import ShapePrior
-from objgraph.training.corpus import Corpus
-from objgraph.training.guess import with_first_guess
+from objgraph.priors.store import save_prior
+from objgraph.training.guess import GuessCommand, guess_command, random_shapes, with_first_guess
 from objgraph.training.guess_data import Draws, Shape, batch, draw_all, turn_distances
 from objgraph.training.guess_scenes import UP, SceneConfig, draw_seen
-from objgraph.training.index import CadMesh
-from objgraph.training.samples import SdfSamples
 from objgraph.training.train_guess import TrainGuessConfig, measure_guess, train_guess
 from tests.toys import TOY_CODE, toy_frame, toy_mesh, toy_prior, toy_state
 
@@ -155,11 +154,10 @@ def test_a_prior_gets_a_guess_and_its_card_says_what_it_is_worth(tmp_path: Path)
     for i, shape in enumerate(shapes()[:2]):
         assert shape.mesh is not None
         shape.mesh.export(tmp_path / f"{i}.ply")
-    unseen = tuple(CadMesh(tmp_path, f"{i}.ply", str(i), "", "", "", None) for i in range(2))
-    samples = [SdfSamples(shape.name, np.zeros((0, 3)), np.zeros(0), shape.extents) for shape in shapes()]
-    corpus = Corpus(tuple(samples), (), (), unseen, {})
+    unseen = [(tmp_path / f"{i}.ply", str(i)) for i in range(2)]
+    coded = [replace(shape, mesh=None, code=code) for shape, code in zip(shapes(), CODES, strict=True)]
     config = replace(CONFIG, scenes=12, steps=20)
-    prior = with_first_guess(toy_prior(), CODES, corpus, config, tmp_path / "work")
+    prior = with_first_guess(toy_prior(), coded, unseen, config, tmp_path / "work")
     assert prior.guess is not None
     said = prior.card["first_guess"]
     assert said["scenes"] <= 12
@@ -167,11 +165,26 @@ def test_a_prior_gets_a_guess_and_its_card_says_what_it_is_worth(tmp_path: Path)
     assert 0 <= said["heldout"]["1"]["heading_right"] <= 1
     kept = sorted((tmp_path / "work").rglob("*.safetensors"))
     before = [path.stat().st_mtime_ns for path in kept]
-    again = with_first_guess(toy_prior(), CODES, corpus, config, tmp_path / "work")
+    again = with_first_guess(toy_prior(), coded, unseen, config, tmp_path / "work")
     assert [path.stat().st_mtime_ns for path in kept] == before
     assert again.guess is not None
     for a, b in zip(prior.guess.parameters(), again.guess.parameters(), strict=True):
         assert torch.equal(a, b)
+
+
+def test_a_prior_whose_shapes_are_not_at_hand_gets_a_guess_from_random_codes(tmp_path: Path) -> None:
+    save_prior(toy_prior(), tmp_path / "toy.safetensors")
+    made = random_shapes(toy_prior(), 5, seed=0)
+    assert_allclose([np.linalg.norm(shape.extents) for shape in made], 1.0)
+    command = GuessCommand(
+        str(tmp_path / "toy.safetensors"), tmp_path / "out.safetensors", work=tmp_path / "work",
+        guess=replace(CONFIG, scenes=8, steps=5),
+    )  # fmt: skip
+    written = load_prior(guess_command(command))
+    assert written.guess is not None
+    assert written.guess.config.code_length == TOY_CODE
+    assert written.card["first_guess"]["shapes"] == 8
+    assert "heldout" not in written.card["first_guess"]
 
 
 def test_what_need_not_stand_is_seen_above_the_floor() -> None:
