@@ -143,7 +143,7 @@ def _scans(command: EvaluateCommand) -> tuple[str, ...]:
 def _source(command: EvaluateCommand) -> CaseSource:
     categories = _items(command.categories, "--categories")
     if not categories:
-        raise EvaluationError("--categories names none; give chair, table or both")
+        raise EvaluationError("--categories names none; give chair, table or, of --meshes, others")
     if command.dataset == SYNTHETIC:
         return _synthetic(command, categories)
     if command.dataset not in datasets():

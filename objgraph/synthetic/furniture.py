@@ -17,7 +17,7 @@ FAMILIES: dict[str, tuple[str, ...]] = {"chair": tuple(CHAIRS), "table": tuple(T
 class Furniture:
     """One piece, in its canonical frame."""
 
-    category: Category
+    category: str
     family: str
     mesh: trimesh.Trimesh
     """Canonical: y up, front at -z, bounding box centred, its diagonal 1. Closed parts that may overlap."""

@@ -26,7 +26,10 @@ from objgraph.synthetic.sensor import SensorConfig, sense_depth, sense_masks
 
 SIZES = {"small": 6, "standard": 24, "full": 100}
 """Objects a category."""
-_NUMBERS: dict[Category, int] = {"chair": 0, "table": 1}  # in the seeds: never to be changed
+_NUMBERS = {
+    "chair": 0, "table": 1, "sofa": 2, "bed": 3, "cabinet": 4, "bookshelf": 5, "bathtub": 6, "trash_bin": 7
+}  # fmt: skip
+"""In the seeds: never to be changed."""
 _TARGET = 1
 UP = np.array([0.0, 0.0, 1.0])
 UP.flags.writeable = False
@@ -44,7 +47,7 @@ class BenchmarkConfig:
     objects: int | None = None
     """Any other number of objects a category."""
     categories: tuple[str, ...] = ("chair", "table")
-    """Categories of the objects."""
+    """Categories of the objects; other than chairs and tables they need `meshes`."""
     spacing: Spacing = "wide"
     """Clean views are 40 to 100 degrees apart about the object, or 5 to 15."""
     difficulty: Difficulty = "clean"
@@ -76,7 +79,7 @@ class Case:
 
     id: str
     """Unique among all cases of all configurations that differ in more than their size."""
-    category: Category
+    category: str
     shape: str
     """Of which distinct shape it is: its family and own seed, or its mesh's name."""
     instance: Instance
@@ -168,7 +171,7 @@ class Case:
     def _piece(self, rng: Generator) -> Furniture:
         if self.mesh is not None:
             return mesh_furniture(self.category, self.mesh.path, rng, self.mesh.diagonal_m)
-        return make_piece(self.category, _family(self.category, self.index), rng)
+        return make_piece(_with_families(self.category), _family(self.category, self.index), rng)
 
 
 @dataclass(frozen=True)
@@ -215,16 +218,17 @@ def synthetic_cases(config: BenchmarkConfig) -> list[Case]:
     return [case for name in dict.fromkeys(config.categories) for case in _cases(config, _category(name))]
 
 
-def _cases(config: BenchmarkConfig, category: Category) -> list[Case]:
+def _cases(config: BenchmarkConfig, category: str) -> list[Case]:
     if config.difficulty != "clean" and config.spacing != "wide":
         raise DatasetError("a spacing of views is for clean scans; with faults it is one of the strengths")
     meshes, ranges = _meshes(config, category), config.ranges
     cases = []
     for index in range(config.count):
-        shape, mesh = f"{_family(category, index)}-{config.seed}-{index}", None
         if config.meshes is not None:
             mesh = meshes[index]
             shape = mesh.path.relative_to(config.meshes).as_posix()
+        else:
+            shape, mesh = f"{_family(category, index)}-{config.seed}-{index}", None
         # a generator of its own, so that the room is not another one with other strengths
         strengths = np.random.SeedSequence(config.seed, spawn_key=(_NUMBERS[category], index, 1))
         faults = None if ranges is None else ranges.draw(np.random.default_rng(strengths))
@@ -256,20 +260,29 @@ def _raised(T_room_any: Pose, floor: float) -> Pose:
     return T_world_any
 
 
-def _category(name: str) -> Category:
-    for category in get_args(Category):
-        if name == category:
-            return category
+def _category(name: str) -> str:
+    if name in _NUMBERS:
+        return name
     raise DatasetError(f"category {name!r} is not in the synthetic benchmark: it has {', '.join(_NUMBERS)}")
 
 
-def _family(category: Category, index: int) -> str:
-    families = FAMILIES[category]
+def _with_families(category: str) -> Category:
+    for known in get_args(Category):
+        if category == known:
+            return known
+    raise DatasetError(
+        f"the benchmark's families are of {' and '.join(FAMILIES)}: of category {category!r} give a folder of meshes (--meshes)"
+    )
+
+
+def _family(category: str, index: int) -> str:
+    families = FAMILIES[_with_families(category)]
     return families[index % len(families)]
 
 
-def _meshes(config: BenchmarkConfig, category: Category) -> list[CadShape]:
+def _meshes(config: BenchmarkConfig, category: str) -> list[CadShape]:
     if config.meshes is None:
+        _with_families(category)
         if config.shapes != "families":
             raise DatasetError(f"shapes '{config.shapes}' are a folder's: give one (--meshes)")
         return []

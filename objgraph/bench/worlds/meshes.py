@@ -11,17 +11,18 @@ from numpy.random import Generator
 
 from objgraph.bench.worlds.raycaster import raycaster
 from objgraph.errors import DatasetError, PriorError
-from objgraph.synthetic.furniture import Category, Furniture
+from objgraph.synthetic.furniture import Furniture
 from objgraph.training.index import HELDOUT_SHARE, heldout_groups, read_index
 from objgraph.training.mesh_files import SUFFIXES, canonical, list_meshes, read_mesh
+from objgraph.training.size import USUAL
 
 log = logging.getLogger(__name__)
 
 ShapeSet = Literal["families", "cad", "everyday"]
 """The benchmark's own families; people's meshes; a generator's. No prior is trained on any."""
 
-_HEIGHT_M: dict[Category, tuple[float, float]] = {"chair": (0.78, 1.0), "table": (0.45, 0.76)}
-_DIAGONAL_M: dict[Category, tuple[float, float]] = {"chair": (0.8, 1.5), "table": (0.6, 2.1)}
+_HEIGHT_M = {"chair": (0.78, 1.0), "table": (0.45, 0.76)}
+_DIAGONAL_M = {"chair": (0.8, 1.5), "table": (0.6, 2.1)}
 _SAME = 0.02
 """Distance, in diagonals, within which 98 % of a shape turned about y must lie of itself to count as the same."""
 
@@ -36,7 +37,7 @@ class CadShape:
 
 
 def choose_shapes(
-    folder: Path, category: Category, shapes: ShapeSet, count: int, rng: Generator
+    folder: Path, category: str, shapes: ShapeSet, count: int, rng: Generator
 ) -> list[CadShape]:
     """The shapes of `count` objects: a shuffle of those that can be read, from its start again when it ends.
 
@@ -70,7 +71,7 @@ def choose_shapes(
     return [chosen[i % len(chosen)] for i in range(count)]
 
 
-def _listed(folder: Path, category: Category, shapes: ShapeSet) -> list[CadShape]:
+def _listed(folder: Path, category: str, shapes: ShapeSet) -> list[CadShape]:
     if not (folder / "index.json").is_file():
         return [CadShape(folder / name) for name in list_meshes(folder, category)]
     try:
@@ -86,23 +87,24 @@ def _listed(folder: Path, category: Category, shapes: ShapeSet) -> list[CadShape
     ]
 
 
-def read_piece(category: Category, path: Path) -> trimesh.Trimesh:
+def read_piece(category: str, path: Path) -> trimesh.Trimesh:
     """A file's mesh in the canonical frame. Raises `PriorError` when it cannot be read."""
     return canonical(read_mesh(path), str(path))
 
 
-def mesh_furniture(
-    category: Category, path: Path, rng: Generator, diagonal_m: float | None = None
-) -> Furniture:
+def mesh_furniture(category: str, path: Path, rng: Generator, diagonal_m: float | None = None) -> Furniture:
     """A file's mesh as a piece of its own size, or of one that such furniture has.
 
     Raises `PriorError` when it cannot be read.
     """
     mesh = read_piece(category, path)
-    height = rng.uniform(*_HEIGHT_M[category])
-    if diagonal_m is not None:
-        return Furniture(category, path.stem, mesh, diagonal_m, symmetry_of(mesh))
-    diagonal = float(np.clip(height / max(mesh.extents[1], 1e-3), *_DIAGONAL_M[category]))
+    if category in _HEIGHT_M:
+        height = rng.uniform(*_HEIGHT_M[category])
+        drawn = float(np.clip(height / max(mesh.extents[1], 1e-3), *_DIAGONAL_M[category]))
+    else:
+        usual, spread = USUAL[category]
+        drawn = float(usual * np.exp(spread * np.clip(rng.normal(), -2, 2)))
+    diagonal = drawn if diagonal_m is None else diagonal_m
     return Furniture(category, path.stem, mesh, diagonal, symmetry_of(mesh))
 
 

@@ -263,6 +263,22 @@ def test_a_meshs_case_has_its_shape_at_a_real_size(mesh_folder):
         case.scan()
 
 
+def test_other_categories_are_of_a_folder_and_as_large_as_usual(tmp_path):
+    (tmp_path / "sofa").mkdir()
+    trimesh.creation.box((2.0, 0.8, 0.9)).export(tmp_path / "sofa" / "plain.ply")
+    config = BenchmarkConfig(seed=SEED, objects=3, categories=("sofa",), meshes=tmp_path)
+    cases = synthetic_cases(config)
+    assert [case.category for case in cases] == ["sofa"] * 3
+    sizes = [
+        float(np.linalg.norm(case.world().truth.scale * np.ptp(case.world().truth.vertices, axis=0)))
+        for case in cases
+    ]
+    assert len({round(size, 3) for size in sizes}) == 3
+    assert all(1.2 < size < 4.0 for size in sizes)
+    with pytest.raises(DatasetError, match="of category 'sofa' give a folder of meshes"):
+        synthetic_cases(dataclasses.replace(config, meshes=None))
+
+
 def test_a_folder_without_meshes_is_named(mesh_folder):
     with pytest.raises(DatasetError, match="bench/chair"):
         synthetic_cases(BenchmarkConfig(meshes=mesh_folder / "bench"))
