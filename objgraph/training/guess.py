@@ -32,6 +32,9 @@ class GuessCommand:
     """The prior to write, with the guess."""
     meshes: tuple[Path, ...] = ()
     """Folders of meshes to measure it on: of those with an `index.json` what the prior has not seen."""
+    spread: float = 1.0
+    """Factor on the standard deviations that the prior gives its codes: a third for those whose covariance is nine times that of
+    the training codes, whose random codes would be no shapes."""
     work: Path = Path("out/guess")
     """Folder for scenes and checkpoint; a killed run goes on there."""
     jobs: int = 1
@@ -52,7 +55,7 @@ def guess_command(command: GuessCommand) -> Path:
     if command.meshes:
         chosen = choose_meshes(command.meshes, prior.category, prior)
         unseen = list(zip(chosen.paths, chosen.names, strict=True))
-    shapes = random_shapes(prior, command.guess.scenes, command.guess.seed)
+    shapes = random_shapes(prior, command.guess.scenes, command.guess.seed, command.spread)
     with bars() as report:
         work = command.work / prior.category
         prior = with_first_guess(prior, shapes, unseen, command.guess, work, command.jobs, report)
@@ -60,10 +63,10 @@ def guess_command(command: GuessCommand) -> Path:
     return command.out
 
 
-def random_shapes(prior: ShapePrior, count: int, seed: int) -> list[Shape]:
-    """Random codes, each with the proportions of a random object."""
+def random_shapes(prior: ShapePrior, count: int, seed: int, spread: float = 1.0) -> list[Shape]:
+    """Random codes, whose deviations are `spread` times the prior's, each with the proportions of a random object."""
     rng = np.random.default_rng(seed)
-    codes = prior.draw_codes(count, rng, _WITHIN)
+    codes = prior.code_mean + spread * (prior.draw_codes(count, rng, _WITHIN) - prior.code_mean)
     box = np.full(3, 1 / np.sqrt(3)) if prior.box is None else prior.box
     edges = box * np.exp(rng.normal(0, prior.anisotropy_sigma or 0.0, (count, 3)))
     extents = edges / np.linalg.norm(edges, axis=1, keepdims=True)
