@@ -53,6 +53,10 @@ class PriorEntry:
     size_mean: float
     """Typical box diagonal, metres."""
     size_log_sigma: float
+    first_guess: bool
+    """Whether it proposes how an object may stand."""
+    heading_right: float | None
+    """Share of held-out objects whose likeliest heading is right, from most views."""
     licences: tuple[str, ...]
     bytes: int
     sha256: str
@@ -112,6 +116,8 @@ def describe(path: Path, shipped: bool = False) -> PriorEntry:
         residual_sigma=prior.residual_sigma,
         size_mean=prior.size_mean,
         size_log_sigma=prior.size_log_sigma,
+        first_guess=prior.guess is not None,
+        heading_right=_heading_right(prior),
         licences=tuple(data.get("licences") or ()),
         bytes=path.stat().st_size,
         sha256=prior.card["sha256"],
@@ -124,7 +130,16 @@ def priors_table(entries: Iterable[PriorEntry]) -> Table:
     longest = max((len(entry.category) for entry in entries), default=0)
     table.add_column("category", no_wrap=True, min_width=longest)
     table.add_column("network", no_wrap=True)
-    labels = ("code", "trained\non", "held-out\nChamfer", "residual\nσ", "diagonal\nm", "licences", "MB")
+    labels = (
+        "code",
+        "trained\non",
+        "held-out\nChamfer",
+        "residual\nσ",
+        "diagonal\nm",
+        "heading\nright",
+        "licences",
+        "MB",
+    )
     for label in labels:
         table.add_column(label, justify="right", no_wrap=True)
     table.add_column("also called, file")
@@ -139,11 +154,17 @@ def priors_table(entries: Iterable[PriorEntry]) -> Table:
             _or_dash(entry.heldout_chamfer, ".4f"),
             f"{entry.residual_sigma:.4f}",
             f"{entry.size_mean:.2f}",
+            _or_dash(entry.heading_right, ".2f") if entry.heading_right or not entry.first_guess else "?",
             str(len(entry.licences)) if entry.licences else "-",
             f"{entry.bytes / 1e6:.1f}",
             escape("\n".join(place)),
         )
     return table
+
+
+def _heading_right(prior: ShapePrior) -> float | None:
+    heldout = (prior.card.get("first_guess") or {}).get("heldout") or {}
+    return heldout[max(heldout)]["heading_right"] if heldout and prior.guess is not None else None
 
 
 def _network(prior: ShapePrior) -> str:

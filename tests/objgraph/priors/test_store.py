@@ -158,12 +158,16 @@ def test_unknown_category_names_those_there_are() -> None:
 
 
 def test_shipped_priors() -> None:
-    names = ("bed", "cabinet", "car", "chair", "display", "sofa", "table", "trash_bin")
+    names = (
+        "bathtub", "bed", "bookshelf", "cabinet", "car", "chair", "display", "sofa", "table", "trash_bin"
+    )  # fmt: skip
     assert available_priors() == names
     for category in available_priors():
         prior = load_prior(category)
         assert prior.category == category
-        assert (WEIGHTS / f"{category}.safetensors").stat().st_size < 1_500_000
+        guess = 0 if prior.guess is None else 4 * sum(value.numel() for value in prior.guess.parameters())
+        assert (WEIGHTS / f"{category}.safetensors").stat().st_size - guess < 1_500_000
+        assert guess < 4_000_000
         assert np.linalg.eigvalsh(prior.code_covariance).min() > 0
         assert 0 < prior.residual_sigma < 0.02
         assert prior.card["heldout"]["collected"]
