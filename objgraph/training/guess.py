@@ -95,14 +95,8 @@ def with_first_guess(
     some = np.sort(np.random.default_rng(config.seed).permutation(len(shapes))[: config.scenes])
     drawn = [shapes[i] for i in some]
     codes = np.array([shape.code for shape in drawn])
-    settings = (
-        digest(dict(prior.decoder.state_dict())),
-        codes.tobytes(),
-        config.scenes,
-        config.seed,
-        SceneConfig(),
-    )
-    cache = work / hashlib.sha256(repr(settings).encode()).hexdigest()[:12]
+    settings = digest(dict(prior.decoder.state_dict())), codes.tobytes(), config.scenes, config.seed
+    cache = work / _key(*settings, SceneConfig())
     draws = draw_all(
         drawn, prior, max(1, config.scenes // len(shapes)), SceneConfig(), config.seed,
         cache / "training", jobs, lambda done, total: tell("drawing scenes", done, total),
@@ -114,7 +108,7 @@ def with_first_guess(
     card: dict[str, object] = {"settings": asdict(config), "shapes": len(drawn), "scenes": len(draws)}
     if unseen:
         quality = guess_quality(
-            replace(prior, guess=guess), unseen, config.seed, cache / "heldout", jobs,
+            replace(prior, guess=guess), unseen, config.seed, cache / f"heldout-{_key(unseen)}", jobs,
             progress=lambda done, total: tell("drawing held-out scenes", done, total),
         )  # fmt: skip
         card["heldout"] = {str(views): each.as_json() for views, each in quality.items()}
@@ -143,3 +137,8 @@ def guess_quality(
         shapes.append(Shape(name, np.asarray(mesh.extents), mesh=mesh))
     draws = draw_all(shapes, prior, each, SceneConfig(), seed + 1, cache, jobs, progress)
     return {views: measure_guess(prior.guess, draws, prior.size_mean, views) for views in range(1, VIEWS + 1)}
+
+
+def _key(*settings: object) -> str:
+    """A folder's name for what depends on these."""
+    return hashlib.sha256(repr(settings).encode()).hexdigest()[:12]

@@ -168,6 +168,9 @@ def test_a_prior_gets_a_guess_and_its_card_says_what_it_is_worth(tmp_path: Path)
     again = with_first_guess(toy_prior(), coded, unseen, config, tmp_path / "work")
     assert [path.stat().st_mtime_ns for path in kept] == before
     assert again.guess is not None
+    # other meshes are drawn anew
+    fewer = with_first_guess(toy_prior(), coded, unseen[1:], config, tmp_path / "work")
+    assert fewer.card["first_guess"]["heldout"]["1"]["objects"] < said["heldout"]["1"]["objects"]
     for a, b in zip(prior.guess.parameters(), again.guess.parameters(), strict=True):
         assert torch.equal(a, b)
 
