@@ -63,6 +63,12 @@ def unusable(task: EstimationTask) -> SolveError | None:
     length, given = task.prior.decoder.code_length, len(task.starts[0].code)
     if given != length:
         return SolveError(f"{task.name}: the start's code has length {given}, the decoder takes {length}")
+    if task.chances and (
+        len(task.chances) != len(task.starts) or not all(0 < each <= 1 for each in task.chances)
+    ):
+        return SolveError(
+            f"{task.name}: of {len(task.starts)} starts each needs a chance above 0 and up to 1, not {task.chances}"
+        )
     return None
 
 

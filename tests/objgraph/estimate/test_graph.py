@@ -49,6 +49,15 @@ def test_between_starts_that_cost_alike_the_first_guess_decides():
         assert found.turns.probability[0] == pytest.approx(1.0, abs=0.01)
 
 
+@pytest.mark.parametrize("chances", [(1.0,), (0.5, 0.0), (0.5, float("nan"))])
+def test_chances_that_do_not_fit_the_starts_fail_alone(chances: tuple[float, ...]):
+    tasks = [task(starts=(NEAR, BACK), chances=chances, name="odd"), task(starts=(NEAR,))]
+    odd, found = GraphEstimator(solver=QUICK).estimate(tasks)
+    assert isinstance(odd, SolveError)
+    assert str(odd).startswith("odd: of 2 starts")
+    assert isinstance(found, Estimate)
+
+
 def test_the_headings_of_a_first_guess_are_the_modes():
     """Their probabilities are those of costs and chances together, and no other turn is searched for."""
     given = task(starts=(NEAR, BACK), chances=(0.5, 0.5))
