@@ -154,7 +154,9 @@ def priors_table(entries: Iterable[PriorEntry]) -> Table:
             _or_dash(entry.heldout_chamfer, ".4f"),
             f"{entry.residual_sigma:.4f}",
             f"{entry.size_mean:.2f}",
-            _or_dash(entry.heading_right, ".2f") if entry.heading_right or not entry.first_guess else "?",
+            "?"
+            if entry.first_guess and entry.heading_right is None
+            else _or_dash(entry.heading_right, ".2f"),
             str(len(entry.licences)) if entry.licences else "-",
             f"{entry.bytes / 1e6:.1f}",
             escape("\n".join(place)),
