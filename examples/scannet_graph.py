@@ -52,7 +52,7 @@ def main(arguments: Arguments) -> None:
         # Variables o{i} (Pose3), s{i} (log-scale), z{i} (shape code), and what is known of them beforehand.
         keys = objgraph.ObjectKeys.numbered(instance.id)
         state.insert(values, keys)
-        graph.push_back(factors.code_prior(keys, prior.code_mean, prior.code_covariance))
+        graph.push_back(prior.code_factor(keys))
         anisotropy = prior.anisotropy_sigma or 0.1
         graph.push_back(factors.scale_prior(keys, np.log(prior.size_mean), prior.size_log_sigma, anisotropy))
         graph.push_back(factors.upright_prior(keys, scan.up_world, sigma=0.03))

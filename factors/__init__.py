@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from factors.base import Annealing, ObservationFactor
     from factors.batch import prefetch
+    from factors.code_mixture import CodeMixture, mixture_prior
     from factors.decoder import Decoder, DecoderConfig
     from factors.depth import DepthFactor, RaySampling
     from factors.errors import FactorError, NotFiniteError, ObjectGraphError
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "Annealing",
+    "CodeMixture",
     "Decoder",
     "DecoderConfig",
     "DepthFactor",
@@ -48,6 +50,7 @@ __all__ = [
     "energy_score",
     "floor_share",
     "linearized",
+    "mixture_prior",
     "placed_prior",
     "prefetch",
     "scale_prior",
@@ -58,6 +61,7 @@ __all__ = [
 _HOMES = {
     "factors.base": "Annealing ObservationFactor",
     "factors.batch": "prefetch",
+    "factors.code_mixture": "CodeMixture mixture_prior",
     "factors.decoder": "Decoder DecoderConfig",
     "factors.depth": "DepthFactor RaySampling",
     "factors.errors": "FactorError NotFiniteError ObjectGraphError",

@@ -14,7 +14,7 @@ from factors.filled_box import FilledBoxFactor
 from factors.floor import SPACING, FloorFactor, floor_share
 from factors.full_distribution import FullDistribution
 from factors.gaussian_depth import Deterministic, Probabilistic, Sampled
-from factors.priors import code_prior, placed_prior, scale_prior, sized_prior, upright_prior
+from factors.priors import placed_prior, scale_prior, sized_prior, upright_prior
 from factors.rendering import Renderer
 from factors.state import ObjectKeys, ObjectState
 from factors.surface import SurfaceFactor
@@ -96,7 +96,7 @@ class ObjectBuilder:
         """What is known of code and scale, of the lean where up is known, and what a detector's box says."""
         anisotropy = prior.anisotropy_sigma or self.config.anisotropy_sigma
         factors = [
-            code_prior(keys, prior.code_mean, prior.code_covariance),
+            prior.code_factor(keys),
             scale_prior(keys, np.log(prior.size_mean), prior.size_log_sigma, anisotropy),
         ]
         if self.up_world is not None:

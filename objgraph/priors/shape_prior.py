@@ -5,12 +5,16 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
+import gtsam
 import numpy as np
 from jaxtyping import Float
 from numpy.random import Generator
 
+from factors.code_mixture import CodeMixture, mixture_prior
+from factors.priors import code_prior
 from factors.rays import BOX_HALF_SIZE
 from factors.sdf_decoder import SdfDecoder
+from factors.state import ObjectKeys
 from objgraph.errors import SolveError
 from objgraph.priors.first_guess import FirstGuess
 from objgraph.priors.mesh import extract_mesh
@@ -33,7 +37,7 @@ class ShapePrior:
     code_mean: Float[np.ndarray, "l"]
     """Of the training codes."""
     code_covariance: Float[np.ndarray, "l l"]
-    """As codes are held to it: that of the training codes, or wider (docs/priors.md)."""
+    """Of all codes that the prior holds for likely: that of the training codes, or wider (docs/priors.md)."""
     residual_sigma: float
     """Standard deviation of the decoder's SDF error near unseen surfaces, in canonical units."""
     size_mean: float
@@ -55,6 +59,9 @@ class ShapePrior:
     """Says from the points seen how an object may stand; None where none was trained."""
     surface_misfit: float = 1.0
     """Factor on the variances that marginals give the surface of real objects; one where nothing was measured."""
+    kinds: CodeMixture | None = None
+    """The kinds of shapes there are, with `code_mean` and `code_covariance` as moments; None where codes are of the one
+    Gaussian that these give."""
 
     @property
     def is_fallback(self) -> bool:
@@ -82,8 +89,16 @@ class ShapePrior:
         `tight` and all shapes fill one box, that one and some more."""
         return _LOOSE * self.box / 2 if tight and self.box is not None else BOX_HALF_SIZE
 
+    def code_factor(self, keys: ObjectKeys) -> gtsam.NonlinearFactor:
+        """What is known of an object's code beforehand."""
+        if self.kinds is None:
+            return code_prior(keys, self.code_mean, self.code_covariance)
+        return mixture_prior(keys, self.kinds)
+
     def draw_codes(self, count: int, rng: Generator, within: float | None = None) -> Float[np.ndarray, "n l"]:
-        """Random codes, none beyond `within` standard deviations along an axis of the covariance if that is given."""
+        """Random codes, none beyond `within` standard deviations along an axis of its Gaussian if that is given."""
+        if self.kinds is not None:
+            return self.kinds.draw(count, rng, within)
         whitened = rng.normal(size=(count, len(self.code_mean)))
         while within is not None and (beyond := np.abs(whitened) > within).any():
             whitened[beyond] = rng.normal(size=np.count_nonzero(beyond))

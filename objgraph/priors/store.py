@@ -9,6 +9,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from factors.code_mixture import CodeMixture
 from factors.decoder import Decoder, DecoderConfig
 from factors.deepsdf import DeepSdfConfig, DeepSdfDecoder
 from factors.errors import FactorError
@@ -31,6 +32,8 @@ def save_prior(prior: ShapePrior, path: Path) -> None:
     tensors = {f"decoder.{name}": value for name, value in prior.decoder.state_dict().items()}
     tensors["code_mean"] = torch.from_numpy(np.asarray(prior.code_mean, np.float64))
     tensors["code_covariance"] = torch.from_numpy(np.asarray(prior.code_covariance, np.float64))
+    if prior.kinds is not None:
+        tensors |= {f"kinds.{n}": torch.from_numpy(getattr(prior.kinds, n)).float() for n in _KINDS}
     if prior.prototypes is not None:
         tensors["prototypes"] = torch.from_numpy(np.asarray(prior.prototypes, np.float64))
     if prior.box is not None:
@@ -79,6 +82,7 @@ def load_prior_file(path: Path) -> ShapePrior:
             guess = FirstGuess(FirstGuessConfig(**header["guess"])).requires_grad_(False).eval()
             guess.load_state_dict(_part(tensors, "guess."))
         mean, covariance = tensors["code_mean"].numpy(), tensors["code_covariance"].numpy()
+        kinds = _kinds(_part(tensors, "kinds."))
         prototypes = tensors["prototypes"].numpy() if "prototypes" in tensors else None
         box = tensors["box"].numpy() if "box" in tensors else None
         numbers = [float(header[key]) for key in ("residual_sigma", "size_mean", "size_log_sigma")]
@@ -95,6 +99,8 @@ def load_prior_file(path: Path) -> ShapePrior:
         raise PriorError(f"{path}: the box {box} is not three positive edges")
     if guess is not None and guess.config.code_length != length:
         raise PriorError(f"{path}: its first guess is of codes of another length than its decoder's {length}")
+    if kinds is not None and kinds.mean.shape[1] != length:
+        raise PriorError(f"{path}: its mixture is of codes of another length than its decoder's {length}")
     if not fit or (prototypes is not None and prototypes.shape[1:] != (length,)):
         raise PriorError(
             f"{path}: code statistics of shapes {mean.shape} and {covariance.shape} do not fit a decoder of "
@@ -129,7 +135,15 @@ def load_prior_file(path: Path) -> ShapePrior:
         box_misfit=misfit,
         guess=guess,
         surface_misfit=surface_misfit,
+        kinds=kinds,
     )
+
+
+def _kinds(tensors: dict[str, Tensor]) -> CodeMixture | None:
+    if not tensors:
+        return None
+    weight, mean, variance = (tensors[name].double().numpy() for name in _KINDS)
+    return CodeMixture(weight / weight.sum(), mean, variance)
 
 
 def _part(tensors: dict[str, Tensor], prefix: str) -> dict[str, Tensor]:
@@ -167,4 +181,5 @@ _DECODERS = {
     "deepsdf": (DeepSdfDecoder, DeepSdfConfig),
     "superquadric": (Superquadric, SuperquadricConfig),
 }
+_KINDS = ("weight", "mean", "variance")
 _HEADER = ("format", "frame", "scale", "decoder", "sha256")

@@ -8,18 +8,20 @@ from torch import Tensor
 
 from factors.decoder import Decoder
 from objgraph.errors import PriorError
+from objgraph.training.kinds import Kinds
 from objgraph.training.row_adam import RowAdam
 
 
 class AutoDecoder:
-    """A decoder with a running average of its weights, a Gaussian over the code of every training shape, and the last
-    error of each of their samples."""
+    """A decoder with a running average of its weights, a Gaussian over the code of every training shape, the mixture that
+    these are held to, and the last error of each of their samples."""
 
     def __init__(
         self,
         decoder: Decoder,
         samples: tuple[int, int],
         code_length: int,
+        kinds: int,
         seed: int,
         decay: float,
         sigma: float,
@@ -30,6 +32,7 @@ class AutoDecoder:
         mean = 0.1 * torch.randn(shapes, code_length, generator=generator)
         log_variance = torch.full((shapes, code_length), 2 * math.log(sigma))
         self.codes = RowAdam({"mean": mean.to(device), "log_variance": log_variance.to(device)})
+        self.kinds = Kinds(kinds, self.codes.tables["mean"], seed)
         # nothing is as bad as what was never looked at
         self.errors = torch.full(samples, torch.finfo(torch.float16).max, dtype=torch.float16, device=device)
         self.average = {name: value.detach().clone() for name, value in decoder.named_parameters()}
@@ -49,6 +52,7 @@ def pack(model: AutoDecoder, optimizer: torch.optim.Optimizer) -> dict[str, Tens
     tensors |= {f"average/{name}": value for name, value in model.average.items()}
     tensors["errors"] = model.errors
     tensors |= {f"codes/{name}": value for name, value in model.codes.state().items()}
+    tensors |= {f"kinds/{name}": value for name, value in model.kinds.state().items()}
     for i, state in optimizer.state_dict()["state"].items():
         tensors |= {f"adam/{i}/{key}": value for key, value in state.items()}
     return tensors
@@ -68,10 +72,8 @@ def unpack(
             value.copy_(tensors[f"weight/{name}"])
             model.average[name].copy_(tensors[f"average/{name}"])
         model.errors.copy_(tensors["errors"])
-        prefix = "codes/"
-        model.codes.restore(
-            {name.removeprefix(prefix): tensor for name, tensor in tensors.items() if name.startswith(prefix)}
-        )
+        model.codes.restore(_part(tensors, "codes/"))
+        model.kinds.restore(_part(tensors, "kinds/"))
         state: dict[int, dict[str, Tensor]] = {}
         for name, tensor in tensors.items():
             if name.startswith("adam/"):
@@ -82,3 +84,7 @@ def unpack(
         raise PriorError(
             f"{path} is the checkpoint of another training: give an empty folder ({error})"
         ) from error
+
+
+def _part(tensors: dict[str, Tensor], prefix: str) -> dict[str, Tensor]:
+    return {name.removeprefix(prefix): value for name, value in tensors.items() if name.startswith(prefix)}

@@ -55,19 +55,40 @@ class CodeRows:
         return self.points, self.target, self.deviation, self.weight, self.one_sided
 
 
-class CodeGaussian(NamedTuple):
-    """The Gaussian over codes."""
+class Pull(NamedTuple):
+    """Toward likelier codes: cost, half its gradient and half its Hessian at b codes."""
 
-    mean: Float[np.ndarray, "l"]
-    information: Float[np.ndarray, "l l"]
+    cost: Float[np.ndarray, "b"]
+    gradient: Float[np.ndarray, "b l"]
+    hessian: Float[np.ndarray, "b l l"]
+
+
+class CodeGaussians(NamedTuple):
+    """The Gaussians over codes, of which each code is held to the likeliest."""
+
+    mean: Float[np.ndarray, "k l"]
+    information: Float[np.ndarray, "k l l"]
+    rarity: Float[np.ndarray, "k"]
+    """Cost of each one's mean."""
 
     @classmethod
-    def of(cls, prior: ShapePrior) -> "CodeGaussian":
+    def of(cls, prior: ShapePrior) -> "CodeGaussians":
         """A prior's own, with a ridge that keeps a covariance of few shapes regular."""
+        if prior.kinds is not None:
+            information = np.einsum("kl,lm->klm", 1 / prior.kinds.variance, np.eye(prior.kinds.mean.shape[1]))
+            return cls(prior.kinds.mean, information, 2 * prior.kinds.rarity)
         covariance = np.asarray(prior.code_covariance, float)
         length = len(covariance)
         ridge = 1e-8 * np.trace(covariance) / length
-        return cls(np.asarray(prior.code_mean, float), np.linalg.inv(covariance + ridge * np.eye(length)))
+        information = np.linalg.inv(covariance + ridge * np.eye(length))
+        return cls(np.asarray(prior.code_mean, float)[None], information[None], np.zeros(1))
+
+    def at(self, codes: Float[np.ndarray, "b l"]) -> Pull:
+        offset = codes[:, None] - self.mean
+        pull = np.einsum("bkl,klm->bkm", offset, self.information)
+        cost = (pull * offset).sum(axis=2) + self.rarity
+        row, best = np.arange(len(codes)), cost.argmin(axis=1)
+        return Pull(cost[row, best], pull[row, best], self.information[best])
 
 
 class Found(NamedTuple):
@@ -102,25 +123,23 @@ class SearchConfig:
 def search(prior: ShapePrior, rows: CodeRows, config: SearchConfig | None = None, seed: int = 0) -> Found:
     """The most probable codes given the rows: from the prior's mean and prototypes, on few rows, then the best on all."""
     config = config or SearchConfig()
-    gaussian = CodeGaussian.of(prior)
+    held = CodeGaussians.of(prior)
     few = rows.thinned(config.first_points, np.random.default_rng(seed))
-    first = descend(prior.decoder, few, gaussian, prior.starts, config.first_iterations, config.tolerance)
-    return descend(
-        prior.decoder, rows, gaussian, first.codes[: config.kept], config.iterations, config.tolerance
-    )
+    first = descend(prior.decoder, few, held, prior.starts, config.first_iterations, config.tolerance)
+    return descend(prior.decoder, rows, held, first.codes[: config.kept], config.iterations, config.tolerance)
 
 
 def descend(
     decoder: SdfDecoder,
     rows: CodeRows,
-    gaussian: CodeGaussian,
+    held: CodeGaussians,
     starts: Float[np.ndarray, "b l"],
     iterations: int,
     tolerance: float = 1e-4,
 ) -> Found:
     """Levenberg-Marquardt on reweighted errors from every start; all starts go through the decoder together."""
     codes = np.array(starts, float)
-    at = _linearized(decoder, rows, gaussian, codes)
+    at = _linearized(decoder, rows, held, codes)
     damping = np.full(len(codes), 1e-3)
     going = np.ones(len(codes), bool)
     for _ in range(iterations):
@@ -128,7 +147,7 @@ def descend(
         if len(active) == 0:
             break
         trial = codes[active] - _steps(at, damping, active)
-        new = _linearized(decoder, rows, gaussian, trial)
+        new = _linearized(decoder, rows, held, trial)
         better = new.cost < at.cost[active]
         falls = at.cost[active] - new.cost
         done = better & (falls < tolerance * at.cost[active])
@@ -174,7 +193,7 @@ def _steps(
 
 
 def _linearized(
-    decoder: SdfDecoder, rows: CodeRows, gaussian: CodeGaussian, codes: Float[np.ndarray, "b l"]
+    decoder: SdfDecoder, rows: CodeRows, held: CodeGaussians, codes: Float[np.ndarray, "b l"]
 ) -> _Quadratic:
     """Cost, half its gradient and half its (majorising) Hessian at each code."""
     value, jacobian = _values(decoder, rows.points, codes)
@@ -185,12 +204,11 @@ def _linearized(
     # a bound that holds says nothing
     weight = np.where(rows.one_sided & (error == 0), 0.0, weight)
     rho = np.where(size > 1, 2 * size - 1, size**2)
-    offset = codes - gaussian.mean
-    pull = offset @ gaussian.information
+    pull = held.at(codes)
     scaled = jacobian / rows.deviation[:, None]
-    gradient = np.einsum("bnl,bn->bl", scaled, weight * error) + pull
-    hessian = scaled.transpose(0, 2, 1) @ (weight[..., None] * scaled) + gaussian.information
-    cost = rho @ rows.weight + (pull * offset).sum(axis=1)
+    gradient = np.einsum("bnl,bn->bl", scaled, weight * error) + pull.gradient
+    hessian = scaled.transpose(0, 2, 1) @ (weight[..., None] * scaled) + pull.hessian
+    cost = rho @ rows.weight + pull.cost
     return _Quadratic(cost, gradient, hessian)
 
 

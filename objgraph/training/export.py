@@ -85,12 +85,13 @@ def make_prior(config: TrainConfig, corpus: Corpus, trained: Trained) -> ShapePr
     size_mean, size_log_sigma, size_source = size_statistics(
         config.category, [size for size, _ in metric], [source for _, source in metric]
     )
-    length = trained.decoder.code_length
+    code_mean, code_covariance = trained.kinds.moments()
     prior = ShapePrior(
         category=config.category,
         decoder=trained.decoder,
-        code_mean=np.zeros(length),
-        code_covariance=np.eye(length),
+        code_mean=code_mean,
+        code_covariance=code_covariance,
+        kinds=trained.kinds,
         residual_sigma=0.01,
         size_mean=size_mean,
         size_log_sigma=size_log_sigma,

@@ -1,7 +1,7 @@
 """Training of a shape prior: a variational auto-decoder over signed-distance samples.
 
-Park et al., "DeepSDF", 2019; every shape's code is a Gaussian, held to N(0, I), of which each step draws one (Zadeh et
-al., "Variational Auto-Decoder", 2019): so codes drawn from N(0, I) are shapes as well.
+Park et al., "DeepSDF", 2019; every shape's code is a Gaussian of which each step draws one (Zadeh et al., "Variational
+Auto-Decoder", 2019), held to a mixture that is fitted to them all: so codes drawn from the mixture are shapes as well.
 """
 
 import hashlib
@@ -20,6 +20,7 @@ from jaxtyping import Float, Int
 from torch import Tensor
 from torch.nn.functional import binary_cross_entropy_with_logits
 
+from factors.code_mixture import CodeMixture
 from factors.decoder import Decoder, DecoderConfig
 from objgraph.errors import PriorError
 from objgraph.priors.tensors import load_tensors, save_tensors
@@ -30,6 +31,9 @@ from objgraph.training.samples import SampleConfig, SdfSamples
 from objgraph.training.train_guess import TrainGuessConfig
 
 log = logging.getLogger(__name__)
+
+_REFIT = 100
+"""Steps between fits of the mixture."""
 
 
 @dataclass(frozen=True)
@@ -76,7 +80,10 @@ class TrainConfig:
     cooldown: float = 0.45
     """Last share of the steps, over which it falls to zero."""
     code_weight: float = 2e-5
-    """Weight of the divergence, in nats, of a code's Gaussian from N(0, I); it rises over the first tenth of the steps."""
+    """Weight of the divergence, in nats, of a code's Gaussian from the mixture; it rises over the first tenth of the
+    steps, in which that is N(0, I)."""
+    kinds: int = 96
+    """Gaussians of the mixture, at most one in twenty shapes; 1 leaves N(0, I)."""
     code_sigma: float = 0.1
     """First standard deviation of the codes."""
     surface_scale: float = 0.05
@@ -133,6 +140,8 @@ class Trained:
     decoder: Decoder
     codes: Float[np.ndarray, "s l"]
     """Means of the training shapes' Gaussians."""
+    kinds: CodeMixture
+    """What these were held to."""
     box: BoxFrame | None
     """The frame that the shapes were stretched to."""
     step: int
@@ -178,7 +187,9 @@ def _train(config: TrainConfig, corpus: Corpus, progress: Progress | None) -> Tr
     step, mean = _resume(config, path, model, optimizer)
     saved = time.monotonic()
     while step < config.steps:
-        rate = schedule(config, step)
+        rate, risen = schedule(config, step), 10 * step / config.steps
+        if risen >= 1 and step % _REFIT == 0:
+            model.kinds.fit(**model.codes.tables)
         optimizer.param_groups[0]["lr"] = config.learning_rate * rate
         batch, pick = _batch(config, step, model.errors)
         batch_points, batch_sdf = points[pick], sdf[pick]
@@ -192,8 +203,8 @@ def _train(config: TrainConfig, corpus: Corpus, progress: Progress | None) -> Tr
         errors = errors + config.sign_weight * sign_errors(prediction, batch_sdf, config.sign_scale)
         model.errors[pick] = errors.detach().to(model.errors)
         loss = errors.mean()
-        rise = min(1.0, 10 * step / config.steps)
-        (loss + rise * config.code_weight * divergence(**rows).mean()).backward()
+        held = model.kinds.divergence(**rows).mean()
+        (loss + min(1.0, risen) * config.code_weight * held).backward()
         value = loss.item()
         if not np.isfinite(value):
             raise PriorError(
@@ -243,11 +254,6 @@ def sign_errors(
     return binary_cross_entropy_with_logits(-prediction / scale, (sdf < 0).to(prediction), reduction="none")
 
 
-def divergence(mean: Float[Tensor, "b l"], log_variance: Float[Tensor, "b l"]) -> Float[Tensor, "b"]:
-    """Kullback-Leibler divergence of each Gaussian from N(0, I), nats."""
-    return 0.5 * (mean.square() + log_variance.exp() - 1 - log_variance).sum(dim=1)
-
-
 def schedule(config: TrainConfig, step: int) -> float:
     """Share of the learning rates at a step: linear rise, plateau, linear fall to a fiftieth."""
     rise = min(1.0, (step + 1) / max(config.warmup, 1))
@@ -290,6 +296,7 @@ def _model(config: TrainConfig, shapes: int, samples: int) -> tuple[AutoDecoder,
         decoder,
         (shapes, samples),
         config.decoder.code_length,
+        max(1, min(config.kinds, shapes // 20)),
         config.seed,
         config.average_decay,
         config.code_sigma,
@@ -347,4 +354,5 @@ def _trained(config: TrainConfig, corpus: Corpus, model: AutoDecoder, step: int,
     decoder = _decoder(config)
     decoder.load_state_dict({name: value.cpu() for name, value in model.average.items()})
     decoder.requires_grad_(False).eval()
-    return Trained(decoder, model.codes.tables["mean"].cpu().numpy().copy(), _box(config, corpus), step, loss)
+    codes = model.codes.tables["mean"].cpu().numpy().copy()
+    return Trained(decoder, codes, model.kinds.mixture(), _box(config, corpus), step, loss)

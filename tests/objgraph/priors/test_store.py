@@ -12,6 +12,7 @@ from numpy.testing import assert_array_equal
 from safetensors import safe_open
 from safetensors.torch import load_file, save_file
 
+from factors.code_mixture import CodeMixture
 from factors.decoder import Decoder, DecoderConfig
 from factors.errors import FactorError
 from factors.state import ObjectKeys, ObjectState
@@ -112,6 +113,35 @@ def test_what_was_measured_of_surfaces_is_kept(prior: ShapePrior, tmp_path: Path
     assert load_prior(path).surface_misfit == 2.5
     rewrite(path, lambda tensors, header: header.pop("surface_misfit"))  # files of before it was kept
     assert load_prior(path).surface_misfit == 1.0
+
+
+def test_the_kinds_of_shapes_are_kept_and_codes_are_drawn_of_them(prior: ShapePrior, tmp_path: Path) -> None:
+    path = tmp_path / "lamp.safetensors"
+    rng = np.random.default_rng(0)
+    kinds = CodeMixture(np.array([0.25, 0.75]), rng.normal(size=(2, 3)), rng.uniform(0.5, 2.0, (2, 3)))
+    save_prior(replace(prior, kinds=kinds), path)
+    loaded = load_prior(path)
+    assert loaded.kinds is not None
+    for name in ("weight", "mean", "variance"):
+        np.testing.assert_allclose(getattr(loaded.kinds, name), getattr(kinds, name), rtol=1e-6)
+    drawn = loaded.draw_codes(5, np.random.default_rng(1))
+    np.testing.assert_array_equal(drawn, loaded.kinds.draw(5, np.random.default_rng(1)))
+    values, keys = gtsam.Values(), ObjectKeys.numbered(0)
+    values.insert(keys.code, kinds.mean[1])
+    assert loaded.code_factor(keys).error(values) == pytest.approx(loaded.kinds.costs(kinds.mean[1:]).min())
+    first = path.read_bytes()
+    save_prior(loaded, path)
+    assert path.read_bytes() == first
+    rewrite(path, lambda tensors, header: tensors.update({"kinds.mean": torch.zeros(2, 5)}))
+    with pytest.raises(PriorError, match=r"lamp\.safetensors is no usable shape prior: a mixture of"):
+        load_prior(path)
+    save_prior(replace(prior, kinds=CodeMixture(np.ones(1), np.zeros((1, 5)), np.ones((1, 5)))), path)
+    with pytest.raises(PriorError, match="mixture is of codes of another length than its decoder's 3"):
+        load_prior(path)
+    save_prior(replace(prior, kinds=kinds), path)
+    rewrite(path, lambda tensors, header: tensors.pop("kinds.variance"))
+    with pytest.raises(PriorError, match="no usable shape prior"):
+        load_prior(path)
 
 
 def test_not_finite_weights(prior: ShapePrior, tmp_path: Path) -> None:

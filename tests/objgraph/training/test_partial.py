@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from objgraph.errors import PriorError
-from objgraph.training.code_search import CodeGaussian, CodeRows, SearchConfig, descend, sample_rows, search
+from objgraph.training.code_search import CodeGaussians, CodeRows, SearchConfig, descend, sample_rows, search
 from objgraph.training.partial import PartialConfig, fit_view, view_rows
 from objgraph.training.samples import SampleConfig, sample_solid
 from objgraph.training.single_view import free_points, take_view
@@ -93,17 +93,17 @@ def test_a_solid_that_the_view_misses_is_an_error():
 
 def test_a_bound_counts_only_where_it_is_broken():
     prior = box_prior()
-    gaussian = CodeGaussian.of(prior)
+    codes = CodeGaussians.of(prior)
     far = np.array([[0.5, 0.5, 0.5], [0.55, 0, 0]])
     held = CodeRows(far, np.zeros(2), np.full(2, 0.01), np.ones(2), np.ones(2, bool))
     np.testing.assert_allclose(
-        descend(prior.decoder, held, gaussian, np.ones((1, 3)), 20).codes[0], 0, atol=1e-6
+        descend(prior.decoder, held, codes, np.ones((1, 3)), 20).codes[0], 0, atol=1e-6
     )
     # seen-empty at x = 0.2: the box of half width 0.28 must shrink
     broken = CodeRows(
         np.array([[0.2, 0.0, 0.0]]), np.zeros(1), np.full(1, 0.001), np.full(1, 1e4), np.ones(1, bool)
     )
-    code = descend(prior.decoder, broken, gaussian, np.zeros((1, 3)), 30).codes[0]
+    code = descend(prior.decoder, broken, codes, np.zeros((1, 3)), 30).codes[0]
     assert 0.28 + 0.1 * code[0] == pytest.approx(0.2, abs=2e-3)
     np.testing.assert_allclose(code[1:], 0, atol=1e-3)
 
@@ -111,9 +111,9 @@ def test_a_bound_counts_only_where_it_is_broken():
 def test_found_codes_are_sorted_by_cost_and_no_start_ends_higher_than_it_began():
     prior = box_prior()
     rows = sample_rows(sample_solid(box(), SampleConfig(count=600), seed=0))
-    gaussian = CodeGaussian.of(prior)
-    start = descend(prior.decoder, rows, gaussian, prior.starts, 0)
-    end = descend(prior.decoder, rows, gaussian, prior.starts, 15)
+    held = CodeGaussians.of(prior)
+    start = descend(prior.decoder, rows, held, prior.starts, 0)
+    end = descend(prior.decoder, rows, held, prior.starts, 15)
     assert (np.diff(end.costs) >= 0).all()
     assert end.costs.max() <= start.costs.min() + 1e-9
     assert len(search(prior, rows, SearchConfig(kept=2)).costs) == 2
@@ -122,9 +122,9 @@ def test_found_codes_are_sorted_by_cost_and_no_start_ends_higher_than_it_began()
 def test_starts_do_not_influence_each_other():
     prior = box_prior()
     rows = sample_rows(sample_solid(box(), SampleConfig(count=600), seed=0))
-    gaussian = CodeGaussian.of(prior)
-    together = descend(prior.decoder, rows, gaussian, prior.starts, 4)
-    alone = [descend(prior.decoder, rows, gaussian, start[None], 4).costs[0] for start in prior.starts]
+    held = CodeGaussians.of(prior)
+    together = descend(prior.decoder, rows, held, prior.starts, 4)
+    alone = [descend(prior.decoder, rows, held, start[None], 4).costs[0] for start in prior.starts]
     np.testing.assert_allclose(together.costs, np.sort(alone), rtol=1e-6)
 
 

@@ -1,0 +1,83 @@
+"""The kinds of shapes that codes are of: a mixture of Gaussians, fitted to the codes while these are held to it.
+
+Shapes differ in what is there at all, legs or a column, and no Gaussian is dense at both and nowhere between. (Tomczak &
+Welling, "VAE with a VampPrior", 2018, for priors that are what the codes are.)
+"""
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from scipy.cluster.vq import kmeans2
+from torch import Tensor
+
+from factors.code_mixture import CodeMixture
+
+_SHARED = 20.0
+"""Shapes that the spread of all codes counts for in the spread of each kind: some have few of their own."""
+
+
+class Kinds:
+    """N(0, I) at first, then the mixture that the last `fit` found."""
+
+    def __init__(self, count: int, like: Float[Tensor, "s l"], seed: int = 0) -> None:
+        """At most `count` Gaussians, of codes as long and where `like` is; one is N(0, I) for good."""
+        self.count, self.seed = count, seed
+        self.weight = like.new_ones(1)
+        self.mean, self.variance = like.new_zeros(1, like.shape[1]), like.new_ones(1, like.shape[1])
+
+    def divergence(
+        self, mean: Float[Tensor, "b l"], log_variance: Float[Tensor, "b l"]
+    ) -> Float[Tensor, "b"]:
+        """Bound, nats, of the Kullback-Leibler divergence of Gaussians from the mixture; of one Gaussian the divergence.
+
+        (Hershey & Olsen, "Approximating the Kullback Leibler divergence between Gaussian mixture models", 2007.)
+        """
+        return -torch.logsumexp(self.weight.log() - self._divergences(mean, log_variance), dim=1)
+
+    @torch.no_grad()
+    def fit(self, mean: Float[Tensor, "s l"], log_variance: Float[Tensor, "s l"]) -> None:
+        """One step of expectation and maximisation; the first time from clusters of the means."""
+        if self.count == 1:
+            return
+        if len(self.weight) == 1:
+            middles = kmeans2(
+                mean.cpu().double().numpy(), self.count, minit="++", rng=np.random.default_rng(self.seed)
+            )
+            own = torch.nn.functional.one_hot(torch.from_numpy(middles[1]).long(), self.count).to(mean)
+        else:
+            own = torch.softmax(self.weight.log() - self._divergences(mean, log_variance), dim=1)
+        shapes = own.sum(dim=0)
+        number = shapes[:, None]
+        self.mean = (own.T @ mean) / (number + 1e-6)
+        everywhere = log_variance.exp().mean(dim=0) + mean.var(dim=0)
+        spread = own.T @ (log_variance.exp() + mean.square()) - number * self.mean.square()
+        self.variance = (spread.clamp_min(0) + _SHARED * everywhere) / (number + _SHARED)
+        self.weight = (shapes + 1) / (shapes.sum() + self.count)
+
+    def mixture(self) -> CodeMixture:
+        """As it is now."""
+        weight, mean, variance = (each.cpu().double().numpy() for each in self.state().values())
+        return CodeMixture(weight / weight.sum(), mean, variance)
+
+    def state(self) -> dict[str, Tensor]:
+        """Everything as named tensors."""
+        return {"weight": self.weight, "mean": self.mean, "variance": self.variance}
+
+    def restore(self, state: dict[str, Tensor]) -> None:
+        """Put a state back.
+
+        Raises:
+            KeyError: something is missing.
+        """
+        self.weight, self.mean, self.variance = (
+            state[name].to(self.mean) for name in ("weight", "mean", "variance")
+        )
+
+    def _divergences(
+        self, mean: Float[Tensor, "b l"], log_variance: Float[Tensor, "b l"]
+    ) -> Float[Tensor, "b k"]:
+        """Kullback-Leibler divergence of each Gaussian from each of the mixture's."""
+        information = 1 / self.variance
+        spread = log_variance.exp() @ information.T + mean.square() @ information.T
+        spread = spread - 2 * mean @ (self.mean * information).T + (self.mean.square() * information).sum(1)
+        return 0.5 * (spread + self.variance.log().sum(1) - log_variance.sum(1, keepdim=True) - mean.shape[1])
