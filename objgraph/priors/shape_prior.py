@@ -35,7 +35,7 @@ class ShapePrior:
     category: str
     decoder: SdfDecoder
     code_mean: Float[np.ndarray, "l"]
-    """Of the training codes."""
+    """Of the training codes; where these are of kinds, the one nearest to it, which is a shape."""
     code_covariance: Float[np.ndarray, "l l"]
     """Of all codes that the prior holds for likely: that of the training codes, or wider (docs/priors.md)."""
     residual_sigma: float
@@ -60,8 +60,7 @@ class ShapePrior:
     surface_misfit: float = 1.0
     """Factor on the variances that marginals give the surface of real objects; one where nothing was measured."""
     kinds: CodeMixture | None = None
-    """The kinds of shapes there are, with `code_mean` and `code_covariance` as moments; None where codes are of the one
-    Gaussian that these give."""
+    """The kinds of shapes there are; None where codes are of the one Gaussian that `code_mean` and `code_covariance` give."""
 
     @property
     def is_fallback(self) -> bool:

@@ -85,11 +85,13 @@ def make_prior(config: TrainConfig, corpus: Corpus, trained: Trained) -> ShapePr
     size_mean, size_log_sigma, size_source = size_statistics(
         config.category, [size for size, _ in metric], [source for _, source in metric]
     )
-    code_mean, code_covariance = trained.kinds.moments()
+    middle, code_covariance = trained.kinds.moments()
+    # between kinds there is no shape
+    typical = trained.codes[np.linalg.norm(trained.codes - middle, axis=1).argmin()]
     prior = ShapePrior(
         category=config.category,
         decoder=trained.decoder,
-        code_mean=code_mean,
+        code_mean=typical.astype(np.float64),
         code_covariance=code_covariance,
         kinds=trained.kinds,
         residual_sigma=0.01,
