@@ -1,11 +1,14 @@
 """Codes from signed distances and from one view, on a prior whose answers are known."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from factors.code_mixture import CodeMixture
 from objgraph.errors import PriorError
 from objgraph.training.code_search import CodeGaussians, CodeRows, SearchConfig, descend, sample_rows, search
 from objgraph.training.partial import PartialConfig, fit_view, view_rows
@@ -117,6 +120,17 @@ def test_found_codes_are_sorted_by_cost_and_no_start_ends_higher_than_it_began()
     assert (np.diff(end.costs) >= 0).all()
     assert end.costs.max() <= start.costs.min() + 1e-9
     assert len(search(prior, rows, SearchConfig(kept=2)).costs) == 2
+
+
+def test_codes_of_kinds_are_held_to_the_likeliest_as_in_the_graph():
+    rng = np.random.default_rng(0)
+    kinds = CodeMixture(np.array([0.2, 0.8]), rng.normal(size=(2, 3)), rng.uniform(0.5, 2.0, (2, 3)))
+    codes = 2 * rng.normal(size=(6, 3))
+    pull = CodeGaussians.of(replace(box_prior(), kinds=kinds)).at(codes)
+    np.testing.assert_allclose(pull.cost, 2 * kinds.costs(codes).min(axis=1))
+    which = kinds.likeliest(codes)
+    np.testing.assert_allclose(pull.gradient, (codes - kinds.mean[which]) / kinds.variance[which])
+    np.testing.assert_allclose(np.diagonal(pull.hessian, axis1=1, axis2=2), 1 / kinds.variance[which])
 
 
 def test_starts_do_not_influence_each_other():
