@@ -22,7 +22,7 @@ from objgraph.priors.mesh import extract_mesh
 from objgraph.priors.registry import load_prior
 from objgraph.priors.shape_prior import ShapePrior
 from objgraph.training.corpus import Corpus, CorpusConfig, build_corpus
-from objgraph.training.export import attribution, export_command, train_command
+from objgraph.training.export import attribution, export_command, make_prior, train_command
 from objgraph.training.fit import fit_error
 from objgraph.training.index import CadMesh, heldout_groups, read_index
 from objgraph.training.samples import SampleConfig, SdfSamples
@@ -270,6 +270,28 @@ def test_meshes_to_prior(meshes: Path, config: TrainConfig) -> None:
     first = path.read_bytes()
     assert export_command(config) == path
     assert path.read_bytes() == first
+
+
+@pytest.mark.parametrize(
+    "makers", [("people", "generator"), ("generator", "people"), ("generator", "generator")]
+)
+def test_what_a_prior_leaves_out_is_measured_on_what_people_made(
+    config: TrainConfig, makers: tuple[str, str]
+) -> None:
+    unseen = tuple(
+        CadMesh(Path(), f"{i}.ply", f"boxes:{i}", "CC0-1.0", "", "boxes", None, maker)
+        for i, maker in enumerate(makers)
+    )
+    heldout = tuple(replace(ball(r, i), name=f"{i}.ply#0") for i, r in enumerate((0.25, 0.44)))
+    corpus = replace(BALLS, heldout=heldout, unseen=unseen)
+    prior = make_prior(config, corpus, train(config, corpus))
+    errors = [next(iter(error["bands"].values())) for error in prior.card["heldout"]["errors"]]
+    chosen = [
+        e for e, maker in zip(errors, makers, strict=True) if maker == "people" or "people" not in makers
+    ]
+    assert len(errors) == 2
+    assert abs(errors[0] - errors[1]) > 1e-4
+    assert prior.residual_sigma == pytest.approx(np.median(chosen))
 
 
 def collected(sources: dict[str, list[str]]) -> list[CadMesh]:
