@@ -31,9 +31,10 @@ def save_prior(prior: ShapePrior, path: Path) -> None:
     """Write a prior atomically, with the hash of its tensors in the card."""
     tensors = {f"decoder.{name}": value for name, value in prior.decoder.state_dict().items()}
     tensors["code_mean"] = torch.from_numpy(np.asarray(prior.code_mean, np.float64))
-    tensors["code_covariance"] = torch.from_numpy(np.asarray(prior.code_covariance, np.float64))
-    if prior.kinds is not None:
-        tensors |= {f"kinds.{n}": torch.from_numpy(getattr(prior.kinds, n)).float() for n in _KINDS}
+    if prior.kinds is None:
+        tensors["code_covariance"] = torch.from_numpy(np.asarray(prior.code_covariance, np.float64))
+    else:
+        tensors |= _tensors_of_kinds(prior.kinds)  # their covariance is that of all codes
     if prior.prototypes is not None:
         tensors["prototypes"] = torch.from_numpy(np.asarray(prior.prototypes, np.float64))
     if prior.box is not None:
@@ -81,8 +82,8 @@ def load_prior_file(path: Path) -> ShapePrior:
         if "guess" in header:
             guess = FirstGuess(FirstGuessConfig(**header["guess"])).requires_grad_(False).eval()
             guess.load_state_dict(_part(tensors, "guess."))
-        mean, covariance = tensors["code_mean"].numpy(), tensors["code_covariance"].numpy()
-        kinds = _kinds(_part(tensors, "kinds."))
+        mean, kinds = tensors["code_mean"].numpy(), _kinds(_part(tensors, "kinds."))
+        covariance = tensors["code_covariance"].numpy() if kinds is None else kinds.moments()[1]
         prototypes = tensors["prototypes"].numpy() if "prototypes" in tensors else None
         box = tensors["box"].numpy() if "box" in tensors else None
         numbers = [float(header[key]) for key in ("residual_sigma", "size_mean", "size_log_sigma")]
@@ -142,8 +143,19 @@ def load_prior_file(path: Path) -> ShapePrior:
 def _kinds(tensors: dict[str, Tensor]) -> CodeMixture | None:
     if not tensors:
         return None
-    weight, mean, variance = (tensors[name].double().numpy() for name in _KINDS)
-    return CodeMixture(weight / weight.sum(), mean, variance)
+    weight, mean, log_variance = (
+        tensors[name].double().numpy() for name in ("weight", "mean", "log_variance")
+    )
+    return CodeMixture(weight / weight.sum(), mean, np.exp(log_variance))
+
+
+def _tensors_of_kinds(kinds: CodeMixture) -> dict[str, Tensor]:
+    """In half precision: a part in two thousand of a mean and a hundredth of a variance move no code."""
+    return {
+        "kinds.weight": torch.from_numpy(kinds.weight).float(),
+        "kinds.mean": torch.from_numpy(kinds.mean).half(),
+        "kinds.log_variance": torch.from_numpy(np.log(kinds.variance)).half(),
+    }
 
 
 def _part(tensors: dict[str, Tensor], prefix: str) -> dict[str, Tensor]:
@@ -181,5 +193,4 @@ _DECODERS = {
     "deepsdf": (DeepSdfDecoder, DeepSdfConfig),
     "superquadric": (Superquadric, SuperquadricConfig),
 }
-_KINDS = ("weight", "mean", "variance")
 _HEADER = ("format", "frame", "scale", "decoder", "sha256")

@@ -1,6 +1,6 @@
 """Best codes of given shapes, and how well a decoder then describes them: the prior's own evaluation."""
 
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
 
@@ -38,8 +38,17 @@ class FitError:
     """Median norm of the SDF's gradient over the whole box; 1 for a true distance."""
 
     def as_json(self) -> dict[str, Any]:
-        """For the card; NaN becomes null."""
-        return {**asdict(self), "chamfer": self.chamfer if np.isfinite(self.chamfer) else None}
+        """For the card, four digits of each number; NaN becomes null."""
+        return {
+            "name": self.name,
+            "chamfer": _short(self.chamfer) if np.isfinite(self.chamfer) else None,
+            "bands": {name: _short(error) for name, error in self.bands.items()},
+            "gradient_median": _short(self.gradient_median),
+        }
+
+
+def _short(number: float) -> float:
+    return float(f"{number:.4g}")
 
 
 def fit_error(prior: ShapePrior, samples: SdfSamples, resolution: int = 128) -> FitError:

@@ -122,8 +122,9 @@ def test_the_kinds_of_shapes_are_kept_and_codes_are_drawn_of_them(prior: ShapePr
     save_prior(replace(prior, kinds=kinds), path)
     loaded = load_prior(path)
     assert loaded.kinds is not None
-    for name in ("weight", "mean", "variance"):
-        np.testing.assert_allclose(getattr(loaded.kinds, name), getattr(kinds, name), rtol=1e-6)
+    np.testing.assert_allclose(loaded.kinds.weight, kinds.weight, rtol=1e-6)
+    np.testing.assert_allclose(loaded.kinds.mean, kinds.mean, rtol=1e-3)
+    np.testing.assert_allclose(loaded.kinds.variance, kinds.variance, rtol=5e-3)
     drawn = loaded.draw_codes(5, np.random.default_rng(1))
     np.testing.assert_array_equal(drawn, loaded.kinds.draw(5, np.random.default_rng(1)))
     values, keys = gtsam.Values(), ObjectKeys.numbered(0)
@@ -139,7 +140,7 @@ def test_the_kinds_of_shapes_are_kept_and_codes_are_drawn_of_them(prior: ShapePr
     with pytest.raises(PriorError, match="mixture is of codes of another length than its decoder's 3"):
         load_prior(path)
     save_prior(replace(prior, kinds=kinds), path)
-    rewrite(path, lambda tensors, header: tensors.pop("kinds.variance"))
+    rewrite(path, lambda tensors, header: tensors.pop("kinds.log_variance"))
     with pytest.raises(PriorError, match="no usable shape prior"):
         load_prior(path)
 

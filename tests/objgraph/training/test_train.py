@@ -291,7 +291,7 @@ def test_what_a_prior_leaves_out_is_measured_on_what_people_made(
     ]
     assert len(errors) == 2
     assert abs(errors[0] - errors[1]) > 1e-4
-    assert prior.residual_sigma == pytest.approx(np.median(chosen))
+    assert prior.residual_sigma == pytest.approx(np.median(chosen), rel=1e-3)
 
 
 def collected(sources: dict[str, list[str]]) -> list[CadMesh]:
