@@ -145,6 +145,20 @@ def test_the_kinds_of_shapes_are_kept_and_codes_are_drawn_of_them(prior: ShapePr
         load_prior(path)
 
 
+def test_a_loaded_prior_stays_when_its_file_is_written_over(prior: ShapePrior, tmp_path: Path) -> None:
+    path = tmp_path / "lamp.safetensors"
+    prior = replace(prior, prototypes=np.ones((2, 3)), box=np.array([0.5, 0.6, 0.7]))
+    save_prior(prior, path)
+    loaded = load_prior(path)
+    with path.open("r+b") as file:
+        file.write(b"\xff" * path.stat().st_size)
+    assert loaded.box is not None
+    assert loaded.prototypes is not None
+    np.testing.assert_array_equal(loaded.box, [0.5, 0.6, 0.7])
+    np.testing.assert_array_equal(loaded.prototypes, np.ones((2, 3)))
+    np.testing.assert_array_equal(loaded.code_mean, prior.code_mean)
+
+
 def test_not_finite_weights(prior: ShapePrior, tmp_path: Path) -> None:
     path = tmp_path / "lamp.safetensors"
     save_prior(replace(prior, residual_sigma=float("nan")), path)
