@@ -83,7 +83,7 @@ class TrainConfig:
     """Weight of the divergence, in nats, of a code's Gaussian from the mixture; it rises over the first tenth of the
     steps, in which that is N(0, I)."""
     kinds: int = 400
-    """Of shapes, each a Gaussian of the mixture, at most one in eight shapes; 1 leaves N(0, I)."""
+    """Kinds of shapes, each a Gaussian of the mixture beside that of all codes; at most one in eight shapes, and 1 leaves N(0, I)."""
     code_sigma: float = 0.1
     """First standard deviation of the codes."""
     surface_scale: float = 0.05

@@ -125,6 +125,7 @@ def test_the_kinds_of_shapes_are_kept_and_codes_are_drawn_of_them(prior: ShapePr
     np.testing.assert_allclose(loaded.kinds.weight, kinds.weight, rtol=1e-6)
     np.testing.assert_allclose(loaded.kinds.mean, kinds.mean, rtol=1e-3)
     np.testing.assert_allclose(loaded.kinds.variance, kinds.variance, rtol=5e-3)
+    np.testing.assert_array_equal(loaded.code_covariance, loaded.kinds.moments()[1])
     drawn = loaded.draw_codes(5, np.random.default_rng(1))
     np.testing.assert_array_equal(drawn, loaded.kinds.draw(5, np.random.default_rng(1)))
     values, keys = gtsam.Values(), ObjectKeys.numbered(0)
