@@ -7,7 +7,7 @@ from typing import Any, Literal
 
 Suite = Literal["docs", "quick"]
 _SHARED = "start,graph,graph-bare,ours,dsp-slam,node-slam,dsp-slam-gn"
-_OWN = "start@own,start-7dof@own,graph-bare@own,ours@own,dsp-slam@own,node-slam@own,dsp-slam-gn@own"
+_OWN = "start@own,start-7dof@own,graph@own,graph-bare@own,ours@own,dsp-slam@own,node-slam@own,dsp-slam-gn@own"
 _EFFECTS = (
     "ours,ours-released,ours+code-weight,ours+clipping,ours+depth-variance,ours+band,ours+world-scale,"
     "ours+first-view-depths,ours-det2d,ours-det2d-released,ours-det2d+squared,dsp-slam-gn,dsp-slam-gn-released,"
@@ -57,12 +57,12 @@ def _docs() -> list[Part]:
         *found,
         Part(
             "views", "Everyday: one, two and three views",
-            {"difficulty": "everyday", "objects": 12, "views": ("1,2,3",), "methods": ("start,graph,graph-bare,dsp-slam-gn",)},
+            {"difficulty": "everyday", "objects": 12, "views": ("1,2,3",), "methods": ("start,graph@own,graph-bare,dsp-slam-gn",)},
             pictures=("error_against_views.png",),
         ),
         Part(
             "stability", "The same objects again",
-            {"difficulty": "everyday", "objects": 6, "views": ("3",), "methods": ("start,graph,dsp-slam-gn",), "stability": True},
+            {"difficulty": "everyday", "objects": 6, "views": ("3",), "methods": ("start,graph@own,dsp-slam-gn",), "stability": True},
             ("The same",),
         ),
         Part(
