@@ -35,8 +35,11 @@ class EvaluateCommand:
     suite: Suite | None = None
     """Run all that docs/results.md shows (`docs`, many hours), or a part of it (`quick`, ten minutes), in folders under `out`;
     `root` is then the folder of all data."""
+    parts: List = ()
+    """Of a suite's parts these alone, by the names of their folders."""
     render: Path | None = None
-    """Write the page of a suite's figures into this folder, and run nothing."""
+    """Write the page of a suite's figures into this folder, and run nothing. The folder keeps the figures: of parts that are not
+    in `out` the page shows what it kept."""
     views: List = ("1", "2", "3")
     """Numbers of views of each object."""
     categories: List = ("chair", "table")

@@ -16,6 +16,7 @@ from objgraph.bench.comparison.writing.grid import Grid
 from objgraph.cli.evaluate_command import FIGURES, EvaluateCommand
 from objgraph.cli.suite_parts import Part, Suite, parts
 from objgraph.errors import EvaluationError
+from objgraph.training.mesh_folder import write_json
 
 Run = Callable[[EvaluateCommand, Console, str], object]
 """What does one command; the last is how it would be typed."""
@@ -31,7 +32,7 @@ def run_suite(command: EvaluateCommand, console: Console, run: Run) -> None:
     if command.out is None:
         raise EvaluationError("--suite needs a folder: --out")
     if command.render is None:
-        for part in parts(command.suite):
+        for part in _chosen(command):
             own = _command(part, command)
             missing = [path for path in (own.root, own.meshes) if path is not None and not path.is_dir()]
             if missing:
@@ -41,6 +42,18 @@ def run_suite(command: EvaluateCommand, console: Console, run: Run) -> None:
             run(own, console, line_of(part, command))
     page = render(command.suite, command.out, command.render or command.out)
     console.print(f"the page is {page}", soft_wrap=True)
+
+
+def _chosen(command: EvaluateCommand) -> list[Part]:
+    assert command.suite is not None
+    found = parts(command.suite)
+    names = ",".join(command.parts).replace(",", " ").split()
+    if unknown := set(names) - {part.name for part in found}:
+        raise EvaluationError(
+            f"--parts: no part {', '.join(sorted(unknown))} in the suite '{command.suite}'; there are "
+            + ", ".join(part.name for part in found)
+        )
+    return [part for part in found if not names or part.name in names]
 
 
 def line_of(part: Part, command: EvaluateCommand) -> str:
@@ -58,12 +71,26 @@ def line_of(part: Part, command: EvaluateCommand) -> str:
 
 
 def render(suite: Suite, folder: Path, to: Path) -> Path:
-    """Write `results.md` and its pictures from the runs' JSON; parts that were not run are named as such.
+    """Write `results.md`, its pictures and, in `results/`, the figures that it is made of.
+
+    Of a part that is not in `folder` the page shows what `to` kept of it; one that was never run is named as such.
 
     Raises:
         EvaluationError: nothing was run, or a file is damaged or cannot be written.
     """
-    found = {part.name: document for part in parts(suite) if (document := _document(folder / part.name))}
+    kept, images = to / "results", to / "images"
+    for part in parts(suite):
+        if (document := _document(folder / part.name / FIGURES)) is None:
+            continue
+        for made in (kept, images):
+            made.mkdir(parents=True, exist_ok=True)
+        write_json(document, kept / f"{part.name}.json")
+        for name in part.pictures:
+            if (folder / part.name / name).is_file():
+                shutil.copyfile(folder / part.name / name, images / _picture(part, name))
+    found = {
+        part.name: document for part in parts(suite) if (document := _document(kept / f"{part.name}.json"))
+    }
     if not found:
         raise EvaluationError(f"{folder}: nothing of the suite '{suite}' has been run there")
     lines = ["# Results\n", _head(suite, found)]
@@ -80,15 +107,14 @@ def render(suite: Suite, folder: Path, to: Path) -> Path:
         for grid in document["tables"]:
             if grid["title"].startswith(part.tables):
                 lines.append(Grid.of(grid).markdown())
-        for name in part.pictures:
-            if (folder / part.name / name).is_file():
-                picture = f"results_{part.name}_{name}"
-                (to / "images").mkdir(parents=True, exist_ok=True)
-                shutil.copyfile(folder / part.name / name, to / "images" / picture)
-                lines.append(f"![{part.title}](images/{picture})\n")
-    to.mkdir(parents=True, exist_ok=True)
+        pictures = [_picture(part, name) for name in part.pictures]
+        lines += [f"![{part.title}](images/{name})\n" for name in pictures if (images / name).is_file()]
     write_text("\n".join(lines), to / "results.md")
     return to / "results.md"
+
+
+def _picture(part: Part, name: str) -> str:
+    return f"results_{part.name}_{name}"
 
 
 def _options(part: Part, command: EvaluateCommand) -> list[tuple[str, Any]]:
@@ -106,19 +132,24 @@ def _command(part: Part, command: EvaluateCommand) -> EvaluateCommand:
         name: data / value if isinstance(value, Path) else value for name, value in _options(part, command)
     }
     out = command.out / part.name
-    given: dict[str, Any] = {"suite": None, "root": None, "out": out, "json": out / FIGURES, **options}
+    given: dict[str, Any] = {
+        "suite": None,
+        "parts": (),
+        "root": None,
+        "out": out,
+        "json": out / FIGURES,
+        **options,
+    }
     return replace(command, **given)
 
 
-def _document(folder: Path) -> dict[str, Any] | None:
+def _document(path: Path) -> dict[str, Any] | None:
     try:
-        return json.loads((folder / FIGURES).read_text())
+        return json.loads(path.read_text())
     except FileNotFoundError:
         return None
     except (OSError, ValueError) as error:
-        raise EvaluationError(
-            f"{folder / FIGURES} is damaged ({error}): delete it and run the suite again"
-        ) from error
+        raise EvaluationError(f"{path} is damaged ({error}): delete it and run the suite again") from error
 
 
 def _head(suite: Suite, found: Mapping[str, Mapping[str, Any]]) -> str:

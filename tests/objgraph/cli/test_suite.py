@@ -12,6 +12,7 @@ from objgraph.bench.comparison.contenders.methods import method
 from objgraph.bench.comparison.objects.rows import method_and_start
 from objgraph.bench.comparison.objects.summary import paired, summarize
 from objgraph.bench.comparison.objects.tables import all_tables
+from objgraph.bench.comparison.writing.against import against
 from objgraph.bench.comparison.writing.behind import behind_table
 from objgraph.cli.evaluate import run_evaluate
 from objgraph.cli.evaluate_command import FIGURES, EvaluateCommand
@@ -99,17 +100,66 @@ def test_the_page_is_made_of_the_json_alone(tmp_path):
     assert "0.123 [0.00, 0.50]" not in before
 
 
+def test_parts_of_a_page_can_be_made_one_by_one(tmp_path):
+    """The page's folder keeps what was made elsewhere."""
+    put(tmp_path / "first", "hard-families", document())
+    (tmp_path / "first/hard-families/pose_over_faults.png").write_bytes(b"a picture")
+    put(tmp_path / "second", "icl", document(command="objgraph evaluate --of-icl"))
+    render("docs", tmp_path / "first", tmp_path / "docs")
+    page = render("docs", tmp_path / "second", tmp_path / "docs").read_text()
+    assert "objgraph evaluate --made-up" in page
+    assert "objgraph evaluate --of-icl" in page
+    assert "results_hard-families_pose_over_faults.png" in page
+    put(tmp_path / "third", "icl", document(command="objgraph evaluate --again"))
+    page = render("docs", tmp_path / "third", tmp_path / "docs").read_text()
+    assert "--again" in page
+    assert "--of-icl" not in page
+
+
+def test_methods_are_set_against_the_graph_from_their_own_start():
+    names = ["start", "graph", "ours", "graph@own", "ours@own"]
+    assert against(names) == [
+        ("graph", "start"),
+        ("graph", "ours"),
+        ("graph", "graph@own"),
+        ("graph@own", "ours@own"),
+    ]
+    assert against(["start", "graph@own"]) == [("graph@own", "start")]
+    assert against(["a", "b", "c"]) == [("a", "b"), ("a", "c")]
+    assert against([]) == []
+
+
+def test_parts_are_chosen_by_name(tmp_path):
+    (tmp_path / "data" / "cad2").mkdir(parents=True)
+    ran = []
+
+    def run(command, console, line):
+        ran.append(command.out.name)
+        assert not command.parts
+        put(command.out.parent, command.out.name, document())
+
+    command = EvaluateCommand(
+        out=tmp_path / "out", root=tmp_path / "data", suite="quick", parts=("ours,hard-everyday",)
+    )
+    run_suite(command, Console(), run)
+    assert ran == ["hard-everyday", "ours"]
+    with pytest.raises(EvaluationError, match=r"no part mine in the suite 'quick'; there are hard-families"):
+        run_suite(dataclasses.replace(command, parts=("mine",)), Console(), run)
+
+
 def test_where_the_graph_is_behind_is_told_first(tmp_path):
     entry = {"category": "chair", "views": 3, "pose_rate": 0.5, "iou_rate": 0.9, "median_chamfer_m": 0.02}
     rows = [
         {**entry, "contender": "graph"},
+        {**entry, "contender": "graph@own", "pose_rate": 0.7},
         {**entry, "contender": "ours@own", "pose_rate": 0.75, "iou_rate": 0.9001},
         {**entry, "contender": "dsp-slam", "pose_rate": 0.6, "median_chamfer_m": 0.031},
         {**entry, "contender": "ours", "category": "table", "pose_rate": 1.0},
     ]
     text = behind_table({"Hard": {"rows": rows}}).markdown()
-    assert "| Hard, chair, 3 views | 9-DoF pose | ours@own | 0.75 | 0.5 |" in text
-    assert text.count("| Hard") == 1  # as printed the others are equal or worse
+    assert "| Hard, chair, 3 views | 9-DoF pose | ours@own | 0.75 | graph@own | 0.7 |" in text
+    assert "| Hard, chair, 3 views | 9-DoF pose | dsp-slam | 0.6 | graph | 0.5 |" in text
+    assert text.count("| Hard") == 2  # as printed the others are equal or worse
     put(tmp_path, "hard-families", document())
     page = render("docs", tmp_path, tmp_path).read_text()
     assert page.index("Where the graph is behind") < page.index("## Hard")

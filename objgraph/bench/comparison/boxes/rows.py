@@ -2,11 +2,12 @@
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from itertools import combinations, pairwise
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 
+from objgraph.bench.comparison.writing.against import against
 from objgraph.bench.comparison.writing.bootstrap import Resamples, same_objects, with_intervals
 
 DETECTIONS = "detections"
@@ -93,9 +94,9 @@ def summarize(rows: Sequence[BoxRow], methods: Sequence[str], seed: int = 0) -> 
 
 
 def paired(rows: Sequence[BoxRow], methods: Sequence[str], seed: int = 0) -> list[dict[str, Any]]:
-    """For two methods a and b, the mean of a's IoU less b's on the same objects: above zero where a is better."""
+    """For a and b of `against`, the mean of a's IoU less b's on the same objects: above zero where a is better."""
     found = []
-    for a, b in combinations(methods, 2):
+    for a, b in against(methods):
         if common := same_objects(rows, a, b):
             draws = Resamples([f"{row.frame}/{row.label}" for row, _ in common], seed)
             difference = np.array([(x.iou or 0.0) - (y.iou or 0.0) for x, y in common])

@@ -4,14 +4,14 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullLocator
 from scipy.stats import binomtest, chi2
 
 from objgraph.bench.comparison.objects.calibration import DOF, squared_errors
-from objgraph.bench.comparison.objects.rows import ObjectRow
+from objgraph.bench.comparison.objects.rows import STARTS, ObjectRow, method_and_start
 from objgraph.bench.comparison.writing.report import Entry
 from objgraph.maps.colors import COLORS
 from objgraph.show.figure import finish
@@ -155,44 +155,60 @@ def _marker(index: int) -> str:
 
 
 def faults_plot(rows: Sequence[ObjectRow], methods: Sequence[str], data: str, path: Path) -> bool:
-    """Share of correct poses over what is wrong with a scan, in four parts of equally many objects: a panel a fault.
+    """Share of correct poses over what is wrong with a scan, in four parts of equally many objects.
 
-    Bars are 95 % Wilson intervals. False, and no picture, where nothing is known to be wrong.
+    A panel a fault and start. Bars are 95 % Wilson intervals. False, and no picture, where nothing is known to be wrong.
     """
     rows = [row for row in rows if row.conditions]
     if not rows:
         return False
-    figure = Figure(figsize=(1.2 + 3.9 * len(_FAULTS), 4.6), dpi=110, layout="constrained")
-    axes = figure.subplots(1, len(_FAULTS), squeeze=False, sharey=True)[0]
-    for axis, (name, factor, label) in zip(axes, _FAULTS, strict=True):
-        for i, method in enumerate(methods):
-            chosen = [row for row in rows if row.contender == method]
-            if not chosen:
-                continue
-            strength = factor * np.array([getattr(row, name) for row in chosen], float)
-            correct = np.array([row.pose_correct for row in chosen])
-            parts = np.array_split(np.argsort(strength, kind="stable"), min(_PARTS, len(chosen)))
-            x, rate = (np.array([values[part].mean() for part in parts]) for values in (strength, correct))
-            low, high = np.array(
-                [proportion_interval(int(correct[part].sum()), len(part)) for part in parts]
-            ).T
-            axis.errorbar(
-                x,
-                rate,
-                yerr=(rate - low, high - rate),
-                marker=_marker(i),
-                color=_color(i),
-                capsize=3,
-                label=method,
-            )
-        axis.set_xlabel(label)
-        axis.set_ylim(0, 1)
-        axis.grid(alpha=0.3)
-    axes[0].set_ylabel("correct 9-DoF poses")
-    _legend(figure, axes[0], 2 * len(_FAULTS))
+    starts = [start for start in STARTS if any(row.start == start for row in rows)]
+    names = list(dict.fromkeys(method_and_start(each)[0] for each in methods))
+    figure = Figure(
+        figsize=(1.2 + 3.9 * len(_FAULTS), 1.2 + 3.4 * len(starts)), dpi=110, layout="constrained"
+    )
+    axes = figure.subplots(len(starts), len(_FAULTS), squeeze=False, sharex="col", sharey=True)
+    for start, line in zip(starts, axes, strict=True):
+        for axis, (fault, factor, label) in zip(line, _FAULTS, strict=True):
+            for i, name in enumerate(names):
+                chosen = [row for row in rows if (row.method, row.start) == (name, start)]
+                if chosen:
+                    strength = factor * np.array([getattr(row, fault) for row in chosen], float)
+                    shift = 0.012 * (i - (len(names) - 1) / 2)
+                    _correct(axis, strength, np.array([row.pose_correct for row in chosen]), shift, i, name)
+            axis.set_ylim(0, 1)
+            axis.grid(alpha=0.3)
+            axis.set_xlabel(label if start == starts[-1] else "")
+        line[0].set_ylabel(f"correct 9-DoF poses, {start} start")
+    handles = {
+        label: handle
+        for line in axes
+        for handle, label in zip(*line[0].get_legend_handles_labels(), strict=True)
+    }
+    figure.legend(
+        [*handles.values()], [*handles], loc="outside lower center", ncols=len(handles), frameon=False
+    )
     figure.suptitle(f"Correct poses over what is wrong with the scan ({data})", fontsize=11)
     finish(figure, None, None, path)
     return True
+
+
+def _correct(
+    axis: Axes,
+    strength: Float[np.ndarray, "n"],
+    correct: Bool[np.ndarray, "n"],
+    shift: float,
+    index: int,
+    label: str,
+) -> None:
+    """One method's rates, moved aside by a share of the axis so that bars do not hide each other."""
+    parts = np.array_split(np.argsort(strength, kind="stable"), min(_PARTS, len(strength)))
+    x, rate = (np.array([values[part].mean() for part in parts]) for values in (strength, correct))
+    low, high = np.array([proportion_interval(int(correct[part].sum()), len(part)) for part in parts]).T
+    x = x + shift * np.ptp(strength)
+    axis.errorbar(
+        x, rate, yerr=(rate - low, high - rate), marker=_marker(index), color=_color(index), capsize=3, label=label
+    )  # fmt: skip
 
 
 def proportion_interval(count: int, total: int) -> tuple[float, float]:

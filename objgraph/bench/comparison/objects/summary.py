@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable, Sequence
-from itertools import combinations, product
+from itertools import product
 from operator import attrgetter
 from typing import Any
 
@@ -11,6 +11,7 @@ from jaxtyping import Float
 
 from objgraph.bench.comparison.objects.rows import ObjectRow
 from objgraph.bench.comparison.objects.uncertainty import SurfaceErrors, gaussian_pearson
+from objgraph.bench.comparison.writing.against import against
 from objgraph.bench.comparison.writing.bootstrap import Resamples, same_objects, with_intervals
 
 WORST = {"chamfer_m": 1.0, "translation_m": 1.0, "rotation_deg": 180.0}
@@ -33,7 +34,7 @@ def summarize(rows: Sequence[ObjectRow], methods: Sequence[str], seed: int = 0) 
 
 
 def paired(rows: Sequence[ObjectRow], methods: Sequence[str], seed: int = 0) -> list[dict[str, Any]]:
-    """For two methods a and b, the median of a's error less b's on the same objects: below zero where a is better.
+    """For a and b of `against`, the median of a's error less b's on the same objects: below zero where a is better.
 
     Errors are cut off at `WORST`. The correlations are compared by their mean difference over the objects that both
     reconstruct well.
@@ -41,7 +42,7 @@ def paired(rows: Sequence[ObjectRow], methods: Sequence[str], seed: int = 0) -> 
     return [
         _difference(a, b, group, common, seed)
         for group in groups(rows)
-        for a, b in combinations(methods, 2)
+        for a, b in against(methods)
         if (common := same_objects([row for row in rows if (row.category, row.views) == group], a, b))
     ]
 

@@ -64,7 +64,9 @@ def intervals_table(entries: Sequence[Entry], data: str) -> Grid:
 
 def pearson_table(entries: Sequence[Entry], methods: Sequence[str], data: str) -> Grid:
     """Table II (table_uncertainty): the mean correlation of |SDF error| and its standard deviation, raw and in bins."""
-    names = [*methods, *(name for name in published.PEARSON["chair"] if name not in methods)]
+    known = {e["contender"] for e in entries if e["pearson"] is not None}
+    names = [name for name in methods if name in known]
+    names += [name for name in published.PEARSON["chair"] if name not in names]
     found = {(e["contender"], e["category"], e["views"]): e for e in entries}
     sections = []
     for category in _unique(entries, "category"):
@@ -83,7 +85,7 @@ def pearson_table(entries: Sequence[Entry], methods: Sequence[str], data: str) -
     caption = (
         f"Mean over well-reconstructed objects, how many in brackets: {WELL_RECONSTRUCTED}; {published.WHERE}: "
         f"{theirs}, by a rule that it does not state, and it does not say over points or over bins of sigma. "
-        f"{_MARKS.capitalize()}."
+        f"{_MARKS.capitalize()}. Methods without standard deviations are left out."
     )
     header = ("Objects", *(_column(name) for name in names))
     return Grid(

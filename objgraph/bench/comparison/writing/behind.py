@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from typing import Any
 
+from objgraph.bench.comparison.writing.against import GRAPH, against
 from objgraph.bench.comparison.writing.grid import Cell, Grid
 
 _FIGURES = (
@@ -19,15 +20,20 @@ _FIGURES = (
 """Name in the JSON, in words, factor, digits, and 1 where more is better."""
 
 
-def behind_table(documents: Mapping[str, Mapping[str, Any]], name: str = "graph") -> Grid:
-    """By the comparisons' titles: a row for the best of those that are better than the graph, as printed."""
+def behind_table(documents: Mapping[str, Mapping[str, Any]]) -> Grid:
+    """By the comparisons' titles: a row for the best of those that are better than the graph of `against`, as printed."""
     rows = []
     for title, document in documents.items():
+        names = list(dict.fromkeys(map(_name, document["rows"])))
+        pairs = [(a, b) for a, b in against(names) if b.partition("@")[0] != GRAPH]
         for own in document["rows"]:
-            if own.get("contender", own.get("method")) != name:
-                continue
             of = {key: own.get(key) for key in ("category", "views", "quality")}
-            others = [e for e in document["rows"] if all(e.get(key) == value for key, value in of.items())]
+            beaten = {b for a, b in pairs if a == _name(own)}
+            others = [
+                e
+                for e in document["rows"]
+                if _name(e) in beaten and all(e.get(key) == value for key, value in of.items())
+            ]
             for figure, words, factor, digits, better in _FIGURES:
                 known = [e for e in others if e.get(figure) is not None]
                 if own.get(figure) is None or not known:
@@ -38,11 +44,15 @@ def behind_table(documents: Mapping[str, Mapping[str, Any]], name: str = "graph"
                     what = ", ".join(
                         [title, *(_words(key, value) for key, value in of.items() if value is not None)]
                     )
-                    texts = (what, words, best.get("contender", best.get("method")), theirs, ours)
+                    texts = (what, words, _name(best), theirs, _name(own), ours)
                     rows.append(tuple(Cell(str(text)) for text in texts))
-    header = ("Where", "Figure", "Best", "its", "graph's")
-    caption = "Every rate and median, of all parts of this page, at which some method with some start is better than the graph."
+    header = ("Where", "Figure", "Best", "its", "Graph", "its")
+    caption = "Every rate and median, of all parts of this page, at which some method is better than the graph that begins where it does."
     return Grid("Where the graph is behind", header, (tuple(rows),), caption, words=3)
+
+
+def _name(entry: Mapping[str, Any]) -> str:
+    return entry.get("contender", entry.get("method", ""))
 
 
 def _words(key: str, value: Any) -> str:
