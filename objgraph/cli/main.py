@@ -17,6 +17,13 @@ def _map(arguments: list[str], console: "Console") -> None:
     run_map(_parsed(MapCommand, "map", arguments), console)
 
 
+def _report(arguments: list[str], console: "Console") -> None:
+    """Write a saved map's page: one HTML file with the map in 3D, its table and the objects' views."""
+    from objgraph.cli.report import ReportCommand, run_report
+
+    run_report(_parsed(ReportCommand, "report", arguments), console)
+
+
 def _next_view(arguments: list[str], console: "Console") -> None:
     """Say from where to look next at a saved map's objects, and what that is expected to tell."""
     from objgraph.cli.next_view import NextViewCommand, run_next_view
@@ -80,6 +87,7 @@ def _segment(arguments: list[str], console: "Console") -> None:
 
 VERBS: dict[str, Callable[[list[str], "Console"], None]] = {
     "map": _map,
+    "report": _report,
     "next-view": _next_view,
     "evaluate": _evaluate,
     "train": _train,

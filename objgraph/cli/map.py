@@ -7,9 +7,10 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 import tyro
+from jaxtyping import Float
 from rich.console import Console
 
-from objgraph.bench.metrics.maps import EVALUATION, MapErrors, evaluate_map
+from objgraph.bench.metrics.maps import MapErrors, evaluate_map
 from objgraph.bench.metrics.tables import evaluation_table
 from objgraph.cli.progress import progress
 from objgraph.cli.run_config import MapRun, Source, read_run
@@ -17,12 +18,14 @@ from objgraph.datasets.ground_truth import AnnotatedScan, annotated
 from objgraph.datasets.kitti import frames, load_frame
 from objgraph.datasets.registry import load_scan, scenes
 from objgraph.errors import DatasetError, EvaluationError, MapError
+from objgraph.maps.files import EVALUATION
 from objgraph.maps.lidar import LidarMappingConfig, map_lidar
 from objgraph.maps.object_map import ObjectMap
 from objgraph.maps.pipeline import MappingConfig, map_scan, scene_points
 from objgraph.observation.frames import Scan
 from objgraph.observation.lidar.frame import LidarFrame
 from objgraph.show.map_picture import map_picture
+from objgraph.show.report import REPORT, object_pictures, write_report
 from objgraph.show.street_picture import street_picture
 from objgraph.show.tables import map_table
 from objgraph.synthetic.street import ensure_street
@@ -108,12 +111,12 @@ _SETTINGS: dict[str, tuple[str, ...]] = {
 
 
 def run_map(command: MapCommand, console: Console) -> ObjectMap:
-    """Load, map, evaluate where there is ground truth, save, and show."""
+    """Load, map, evaluate where there is ground truth, save, and show: a table, a picture and a page."""
     run = _run_of(command)
     settings = run.settings
     if isinstance(settings, LidarMappingConfig):
         return _map_lidar(run.source, settings, command.out, console)
-    scan, scene = _load(run.source)
+    scan, scene = load_scan_of(run.source)
     scan = _limited(scan, run.source.categories)
     with progress(console) as tell:
         object_map = map_scan(scan, settings, tell)
@@ -136,17 +139,23 @@ def _run_of(command: MapCommand) -> MapRun:
 
 def _map_lidar(source: Source, settings: LidarMappingConfig, out: Path, console: Console) -> ObjectMap:
     """One scan of a LiDAR."""
-    frame = _load_frame(source)
+    frame = load_frame_of(source)
     with progress(console) as tell:
         object_map = map_lidar(frame, settings, tell)
     _save(object_map, MapRun(replace(source, scene=frame.name), settings), out)
     console.print(map_table(object_map))
     street_picture(object_map, frame, out / "map.png")
-    console.print(f"written to {out}")
+    write_report(out, frame.p_world)
+    console.print(_written(out))
     return object_map
 
 
-def _load_frame(source: Source) -> LidarFrame:
+def _written(out: Path) -> str:
+    return f"written to {out}; {out / REPORT} shows it"
+
+
+def load_frame_of(source: Source) -> LidarFrame:
+    """The LiDAR's scan; raises DatasetError."""
     for name in ("trajectory", "scan2cad", "shapenet"):
         if getattr(source, name) is not None:
             raise DatasetError(f"data set '{source.dataset}' does not use --{name}")
@@ -164,8 +173,8 @@ def _load_frame(source: Source) -> LidarFrame:
     return frame
 
 
-def _load(source: Source) -> tuple[Scan, str | None]:
-    """The scan, and its name where one was given or the data set has but one."""
+def load_scan_of(source: Source) -> tuple[Scan, str | None]:
+    """The scan, and its name where one was given or the data set has but one; raises DatasetError."""
     root = source.root
     if root is None:
         if source.dataset != "sample":
@@ -221,7 +230,20 @@ def _show(object_map: ObjectMap, errors: MapErrors | None, scan: Scan, out: Path
     if table is not None:
         console.print(table)
     if object_map.mapped:
-        frames = np.unique(np.linspace(0, len(scan.frames) - 1, min(24, len(scan.frames))).astype(int))
-        points, colors = scene_points(scan, frames, pixels=20000)
+        points, colors = points_of(scan)
         map_picture(object_map, points, colors, out / "map.png")
-    console.print(f"written to {out}")
+    report_scan(object_map, scan, out)
+    console.print(_written(out))
+
+
+def points_of(scan: Scan) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 3"] | None]:
+    """What a picture of the scan is drawn from: world points of some frames, and their colours."""
+    frames = np.unique(np.linspace(0, len(scan.frames) - 1, min(24, len(scan.frames))).astype(int))
+    return scene_points(scan, frames, pixels=20000)
+
+
+def report_scan(object_map: ObjectMap, scan: Scan, out: Path) -> None:
+    """The page of a saved map, over its scan."""
+    points, colors = points_of(scan)
+    pictures = {entry.id: object_pictures(entry, scan.frames) for entry in object_map.mapped}
+    write_report(out, points, colors, pictures)

@@ -23,14 +23,18 @@ class LazyFrames(FrameSource):
     """Frames that a function reads when they are asked for; nothing is kept."""
 
     def __init__(self, names: Sequence[str], read: Callable[[str], Frame]) -> None:
-        self.names = tuple(names)
+        self._names = tuple(names)
         self._read = read
 
+    @property
+    def names(self) -> tuple[str, ...]:
+        return self._names
+
     def __len__(self) -> int:
-        return len(self.names)
+        return len(self._names)
 
     def __getitem__(self, index: int) -> Frame:
-        return self._read(self.names[index])
+        return self._read(self._names[index])
 
 
 def read_bytes(path: Path) -> bytes:

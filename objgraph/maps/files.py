@@ -21,6 +21,8 @@ from jaxtyping import Float, Int, UInt8
 from objgraph.errors import MapError
 
 DOCUMENT = "map.json"
+EVALUATION = "evaluation.json"
+"""Errors of the objects that have ground truth, beside the map."""
 MESH, JOINT = ".glb", ".safetensors"
 """What the names of an object's files end with."""
 FILES = {"mesh": MESH, "joint_covariance": JOINT}

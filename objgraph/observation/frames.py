@@ -81,3 +81,8 @@ class FrameSource:
 
     def __getitem__(self, index: int) -> Frame:
         raise NotImplementedError
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of all frames; this reads every one, a source that knows them without says so."""
+        return tuple(self[i].name for i in range(len(self)))

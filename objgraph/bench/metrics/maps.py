@@ -11,14 +11,12 @@ from objgraph.bench.metrics.metrics import Evaluation, evaluate_object
 from objgraph.datasets.ground_truth import GroundTruth
 from objgraph.errors import EvaluationError
 from objgraph.geometry.frames import transformed_back
-from objgraph.maps.files import replace_file
+from objgraph.maps.files import EVALUATION, replace_file
 from objgraph.maps.mapped_object import MappedObject
 from objgraph.maps.object_map import ObjectMap
 
 log = logging.getLogger(__name__)
 
-EVALUATION = "evaluation.json"
-"""The file's name beside a map."""
 ERROR_KEYS = tuple(field.name for field in fields(Evaluation))
 """What is measured of each object; a value that could not be measured is None."""
 _WRONG = dict.fromkeys(ERROR_KEYS) | {"pose_correct": False}

@@ -1,0 +1,55 @@
+"""The page: one file that needs no network and runs nothing but its own script."""
+
+import html
+import json
+from collections.abc import Mapping, Sequence
+from importlib.resources import files
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+
+from objgraph.errors import MapError
+from objgraph.maps.files import replace_file
+from objgraph.show.report.contents import map_contents
+from objgraph.show.report.views import ObjectPicture
+from objgraph.version import program_version
+
+REPORT = "report.html"
+
+
+def write_report(
+    folder: Path | str,
+    points_world: Float[np.ndarray, "n 3"] | None = None,
+    colors: Float[np.ndarray, "n 3"] | None = None,
+    pictures: Mapping[int, Sequence[ObjectPicture]] | None = None,
+) -> Path:
+    """Write `report.html` into the folder of a saved map.
+
+    Points are the scan's, world frame, `colors` theirs as RGB in 0..1; `pictures` are views of the objects, by id.
+    Without them the page has the map alone.
+
+    Raises:
+        MapError: there is no map, it is damaged, or the folder cannot be written.
+    """
+    folder = Path(folder)
+    contents = map_contents(folder, points_world, colors, pictures or {})
+    contents["program"] = program_version()
+    # a name may hold what ends a script
+    data = json.dumps(contents, allow_nan=False).replace("<", "\\u003c")
+    page = _asset("report.html").replace("{{title}}", html.escape(contents["title"]))
+    for mark, text in (
+        ("css", _asset("report.css")),
+        ("three", _asset("three.js")),
+        ("script", _asset("report.js")),
+    ):
+        page = page.replace(f"{{{{{mark}}}}}", text)
+    try:
+        replace_file(folder / REPORT, page.replace("{{data}}", data).encode())
+    except OSError as error:
+        raise MapError(f"{folder / REPORT}: cannot be written ({error})") from error
+    return folder / REPORT
+
+
+def _asset(name: str) -> str:
+    return (files("objgraph.show.report") / "assets" / name).read_text(encoding="utf-8")
