@@ -80,6 +80,7 @@ def map_contents(
         "up": object_map.up_world.tolist(),
         "level": LEVEL,
         "columns": [dict(zip(("key", "label", "unit", "digits"), each, strict=True)) for each in columns],
+        "errors": _ERRORS[0][1] if errors else None,
         "objects": objects,
         "points": None if points_world is None else _points(points_world, colors),
         "sigma": None if limit is None else {"limit_cm": 100 * limit, "colors": _scale()},

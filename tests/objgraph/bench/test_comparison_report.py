@@ -2,6 +2,8 @@
 
 import json
 import re
+from pathlib import Path
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -21,9 +23,11 @@ from objgraph.bench.comparison.objects.summary import paired, summarize
 from objgraph.bench.comparison.objects.tables import all_tables
 from objgraph.bench.comparison.writing import published
 from objgraph.bench.comparison.writing.grid import Cell, Grid, ranked_across
+from objgraph.bench.comparison.writing.page import page_of
 from objgraph.cli import evaluate as evaluate_command
 from objgraph.cli.main import main
 from objgraph.errors import DatasetError
+from tests.browser import open_page
 from tests.objgraph.bench.comparison_fakes import FAST, FakeCase, FakeSource, install, row
 
 
@@ -224,7 +228,7 @@ def test_the_command_writes_everything(command, tmp_path, capsys):
     out = tmp_path / "out"
     names = {path.name for path in out.iterdir()}
     assert names == {
-        "objects.jsonl", "objects.csv", "settings.json", "rows.json", "tables.md", "error_against_views.png",
+        "objects.jsonl", "objects.csv", "settings.json", "rows.json", "tables.md", "report.html", "error_against_views.png",
         "error_against_uncertainty.png",
     }  # fmt: skip
     document = json.loads((out / "rows.json").read_text())
@@ -246,6 +250,10 @@ def test_the_command_writes_everything(command, tmp_path, capsys):
     assert (fails["n"], fails["n_failed"], fails["pose_rate"], fails["median_chamfer_m"]) == (3, 3, 0.0, None)
     assert len(document["paired"]) == 2
     assert document["paired"][0]["median_chamfer_m"] < -0.9
+    page = (out / "report.html").read_text()
+    assert page.count("<table>") == text_tables(out)
+    assert page.count("data:image/png;base64,") == len([*out.glob("*.png")]) > 0
+    assert "objgraph evaluate --dataset fake" in page
     text = (out / "tables.md").read_text()
     for part in ("0.656", "0.749", "∞ [∞, ∞]", "near", "objgraph evaluate --dataset fake"):
         assert part in text
@@ -348,3 +356,35 @@ def test_what_each_method_is_given_stands_beside_its_rates(tables):
     text = tables[2].markdown()
     assert "| Chair, 3 views | graph | floor, upright, filled box, heading modes | 6 | 6 |" in text
     assert re.search(r"\| Table, 1 view \| ours \| - \| 6 \| 6 \| 0\.83 \[0\.\d\d, 1\.00\]", text)
+
+
+def text_tables(folder) -> int:
+    return (folder / "tables.md").read_text().count("\n### ")
+
+
+def test_a_page_says_what_the_tables_say_and_no_name_gets_out_of_its_cell():
+    cells = (Cell("<b>chair</b>"), Cell("0.5 [0.1, 0.9]", 0.5, 1), Cell("-", None, 0, True))
+    grid = Grid("One & two", ("Objects", "pose\nrate", "other"), ((cells,),), "a < b")
+    page = page_of("x", "about", [grid], [Path("not drawn.png")])
+    root = ElementTree.fromstring(re.sub(r"(?s)^.*?(<table>.*</table>).*$", r"\1", page))
+    assert ["".join(cell.itertext()) for cell in root.iter("td")] == ["<b>chair</b>", "0.5 [0.1, 0.9]", "-"]
+    assert [cell.get("class") for cell in root.iter("td")] == ["words", "best", "faint"]
+    assert [button.text for button in root.iter("button")] == ["Objects", "pose\nrate", "other"]
+    assert "<p>a &lt; b</p>" in page
+    assert "<h2>One &amp; two</h2>" in page
+    assert "not drawn" not in page
+
+
+def test_a_click_sorts_a_column_by_its_numbers(tmp_path):
+    texts = ("0.10 [0.1, 0.2]", "-", "∞ [2, ∞]", "0.09")
+    rows = tuple((Cell(name), Cell(text)) for name, text in zip("abcd", texts, strict=True))
+    path = tmp_path / "page.html"
+    path.write_text(page_of("x", "", [Grid("t", ("Objects", "error"), (rows[:2], rows[2:]))], []))
+    with open_page(path) as page:
+        names = page.locator("tbody td:first-child")
+        page.click("th button >> nth=1")
+        assert names.all_text_contents() == ["d", "a", "c", "b"]
+        page.click("th button >> nth=1")
+        assert names.all_text_contents() == ["c", "a", "d", "b"]
+        page.click("th button >> nth=0")
+        assert names.all_text_contents() == ["a", "b", "c", "d"]

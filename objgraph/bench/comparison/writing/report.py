@@ -1,7 +1,8 @@
-"""What is written of any comparison: one JSON document, tables in Markdown, pictures; the tables are also shown."""
+"""What is written of any comparison: one JSON document, tables in Markdown, pictures, a page; the tables are also shown."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
+from html import escape
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +11,7 @@ from rich.console import Console
 from objgraph.bench.comparison.running.store import Row, write_text
 from objgraph.bench.comparison.writing.bootstrap import LEVEL, RESAMPLES
 from objgraph.bench.comparison.writing.grid import Grid
+from objgraph.bench.comparison.writing.page import PAGE, page_of
 from objgraph.training.mesh_folder import write_json
 from objgraph.version import program_version
 
@@ -62,7 +64,14 @@ class Report:
         write_text(self.markdown(command), folder / self.name)
         for name, draw in self.pictures.items():
             draw(folder / name)
+        about = (
+            f"Made by <code>{escape(command)}</code> (seed {self.seed}, version {escape(program_version())})."
+        )
+        pictures = [folder / name for name in self.pictures]
+        write_text(page_of(f"Comparison: {folder.name}", about, self.tables, pictures), folder / PAGE)
         for table in self.tables:
             console.print(table.rich())
-        console.print(f"figures in {json}, tables, rows and plots in {folder}", soft_wrap=True)
+        console.print(
+            f"figures in {json}, tables, rows and plots in {folder}, {PAGE} shows them", soft_wrap=True
+        )
         return document

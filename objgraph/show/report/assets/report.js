@@ -7,7 +7,8 @@ let chosen = null;
 document.querySelector("h1").textContent = report.title;
 document.getElementById("about").textContent =
   `${report.mapped} of ${report.objects.length} objects mapped. Ellipsoids hold the box's centre with ` +
-  `${Math.round(100 * report.level)} % by its covariance. objgraph ${report.program}.`;
+  `${Math.round(100 * report.level)} % by its covariance. ` +
+  (report.errors ? `From “${report.errors}” on: errors against the scan's ground truth. ` : "") + `objgraph ${report.program}.`;
 fillTable();
 if (report.sigma) {
   const scale = document.getElementById("scale");
@@ -308,7 +309,7 @@ function startMap() {
   function stress(id) {
     for (const [other, mesh] of meshes) {
       const faint = id !== null && other !== id;
-      Object.assign(mesh.material, { transparent: faint, opacity: faint ? 0.3 : 1, depthWrite: !faint, needsUpdate: true });
+      Object.assign(mesh.material, { transparent: faint, opacity: faint ? 0.45 : 1, depthWrite: !faint, needsUpdate: true });
     }
     for (const ghost of layers.modes.children) ghost.visible = ghost.userData.id === id;
     for (const lines of layers.boxes.children) lines.material.color.setHex(lines.userData.id === id ? 0xd55e00 : 0x6e7781);
