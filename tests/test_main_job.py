@@ -24,6 +24,7 @@ def run_map(out: Path, *arguments: str) -> list[dict]:
     assert main(["map", "--out", str(out), *arguments]) == 0
     document = json.loads((out / "map.json").read_text())
     assert (out / "map.png").stat().st_size > 10_000
+    assert (out / "report.html").stat().st_size > 1_000_000
     assert (out / "config.json").is_file()
     for entry in document["objects"]:
         assert set(entry) >= ENTRIES

@@ -95,7 +95,7 @@ def test_a_verb_that_there_is_not_is_one_line_that_names_those_there_are(argumen
     assert caught.value.code == 2
     printed = capsys.readouterr()
     assert printed.out == ""
-    assert printed.err.startswith(f"objgraph: {problem}; there are map, next-view, ")
+    assert printed.err.startswith(f"objgraph: {problem}; there are map, report, ")
     assert printed.err.count("\n") == 1
 
 
