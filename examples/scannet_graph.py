@@ -65,6 +65,7 @@ def main(arguments: Arguments) -> None:
                 factors.SurfaceFactor(
                     keys, prior.decoder, camera, view.points_camera, view.points_sigma,
                     prior_sigma=sigma, weighting=factors.Weighting("information", view.points_share),
+                    tail=0.05,  # metres: what the mask holds of something else is let go
                 )
             )  # fmt: skip
             own.append(

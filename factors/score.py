@@ -57,3 +57,16 @@ def cauchy_score(r: Float[Tensor, "..."], tail: float) -> Float[Tensor, "..."]:
 def cauchy_root(r: Float[Tensor, "..."], tail: float) -> Float[Tensor, "..."]:
     """w with w^2 r = dscore/dr: (w r)^2 / 2 + const touches `cauchy_score` at r and lies above it elsewhere."""
     return (1.0 + (r / tail) ** 2).rsqrt()
+
+
+def bounded_score(score: Float[Tensor, "..."], tail: float) -> Float[Tensor, "..."]:
+    """A score s >= 0 itself where it is small, at most pi/2 times `tail`, in its unit: tail arctan(s / tail).
+
+    Increasing and concave in s, so that what majorises s majorises this times `bounded_slope` (arctan loss, as SciPy's).
+    """
+    return tail * torch.arctan(score / tail)
+
+
+def bounded_slope(score: Float[Tensor, "..."], tail: float) -> Float[Tensor, "..."]:
+    """The derivative of `bounded_score` by the score."""
+    return 1.0 / (1.0 + (score / tail).square())

@@ -11,7 +11,7 @@ from torch import Tensor
 from factors.base import Annealing, ObservationFactor, place_of
 from factors.errors import FactorError
 from factors.reduce import Rows
-from factors.score import energy_score, majorizing_weight
+from factors.score import bounded_score, bounded_slope, energy_score, majorizing_weight
 from factors.sdf import MetricSdf, SdfQuery, propagated_variance, query_points, sdf_jacobian
 from factors.sdf_decoder import SdfDecoder, SdfJet
 from factors.state import ObjectKeys
@@ -30,6 +30,9 @@ class SurfaceFactor(ObservationFactor):
     Frozen by `refresh`: the decoder's gradient, by which metres follow the scale, and each point's standard deviation, which joins the
     sensor's, the prior's own error and, where `state_covariance` is given, the propagated one of
     paper eq:sdf_variance.
+
+    With a `tail` each score is bounded (`bounded_score`): a point much farther off is of something else that the mask
+    holds.
     """
 
     def __init__(
@@ -43,15 +46,18 @@ class SurfaceFactor(ObservationFactor):
         prior_sigma: float = 0.0,
         weighting: Weighting | None = None,
         state_covariance: Float[np.ndarray, "d d"] | Float[np.ndarray, "d"] | None = None,
+        tail: float | None = None,
         body_T_camera: gtsam.Pose3 | None = None,
     ) -> None:
-        """`sigma` is the sensor's standard deviation in metres; `prior_sigma` the decoder's, canonical."""
+        """`sigma` is the sensor's standard deviation in metres; `prior_sigma` the decoder's, canonical; `tail` in metres."""
         super().__init__(keys, decoder, camera, body_T_camera)
         points_camera, sigma = np.asarray(points_camera, dtype=float), np.asarray(sigma, dtype=float)
         if points_camera.ndim != 2 or points_camera.shape[1] != 3 or len(points_camera) == 0:
             raise FactorError(f"surface points of shape {points_camera.shape}: (n, 3) with n > 0 is due")
         if sigma.shape != points_camera.shape[:1] or not (sigma > 0).all():
             raise FactorError("every surface point needs a positive standard deviation")
+        if tail is not None and not tail > 0.0:
+            raise FactorError(f"a tail of {tail} m: it must be positive, or None for the score as it is")
         if not np.isfinite(points_camera).all():
             raise FactorError("surface points must be finite: drop pixels without depth first")
         self._points_camera = points_camera
@@ -59,6 +65,7 @@ class SurfaceFactor(ObservationFactor):
         self._prior_sigma = prior_sigma
         self._weighting = weighting or Weighting()
         self._state_covariance = None if state_covariance is None else torch.as_tensor(state_covariance)
+        self._tail = tail
         self._frozen: _Frozen | None = None
         self._frozen_at: bytes | None = None
 
@@ -92,7 +99,8 @@ class SurfaceFactor(ObservationFactor):
 
     def loss_of(self, query: SdfQuery, value: Tensor) -> float:
         metric, sigma, weight = self._held
-        return float((weight * energy_score(metric.at(query.state) * value.double(), sigma)).sum())
+        score = energy_score(metric.at(query.state) * value.double(), sigma)
+        return float((weight * (score if self._tail is None else bounded_score(score, self._tail))).sum())
 
     def active(self, query: SdfQuery, value: Tensor) -> Tensor:
         return torch.arange(len(value), device=value.device)
@@ -100,6 +108,8 @@ class SurfaceFactor(ObservationFactor):
     def rows_of(self, query: SdfQuery, value: Tensor, jet: SdfJet) -> Rows:
         metric, sigma, weight = self._held
         mu = metric.at(query.state) * value.double()
+        if self._tail is not None:
+            weight = weight * bounded_slope(energy_score(mu, sigma), self._tail)
         root = (weight * majorizing_weight(mu, sigma)).sqrt()
         jacobian = metric.jacobian(query.state, value, self.sdf_jacobian(query, jet))
         return Rows(root[:, None] * jacobian, root * mu, self.loss_of(query, value))

@@ -41,6 +41,9 @@ class GraphConfig:
     sampling: RaySampling = field(default_factory=RaySampling)
     effective_count: float = 1.0
     """Independent measurements that a cube (`correlation_length`) of seen surface counts for, in each of the two factors of a view."""
+    surface_tail: float | None = 0.05
+    """Metres off the surface from which on a point counts as something else's that the mask holds; None where masks hold nothing
+    else."""
     anisotropy_sigma: float = 0.1
     """Standard deviation of each axis' log-scale about their mean: the code, not the scale, stretches shapes."""
     upright_sigma: float = 0.03
@@ -130,7 +133,7 @@ class ObjectBuilder:
         surface = SurfaceFactor(
             keys, prior.decoder, camera, view.points_camera, view.points_sigma,
             prior_sigma=prior.residual_sigma, weighting=self._weighting(view.points_share),
-            body_T_camera=body_T_camera,
+            tail=self.config.surface_tail, body_T_camera=body_T_camera,
         )  # fmt: skip
         depth = DepthFactor(
             keys, prior.decoder, camera, view.rays,

@@ -35,8 +35,9 @@ def make_factor(kind: str, camera, rng: np.random.Generator, decoder=None):
         points = rng.normal(size=(40, 3)) * 0.2 + [0, 0, 2.5]
         covariance = np.full(9 + CODE_LENGTH, 1e-4) if kind == "surface-propagated" else None
         return SurfaceFactor(
-            KEYS, decoder, camera, points, np.full(40, 0.02), prior_sigma=0.02, state_covariance=covariance
-        )
+            KEYS, decoder, camera, points, np.full(40, 0.02), prior_sigma=0.02, state_covariance=covariance,
+            tail=0.05 if kind == "surface-bounded" else None,
+        )  # fmt: skip
     renderers = {
         "depth-full": FullDistribution(),
         "depth-independent": FullDistribution("independent"),
@@ -50,7 +51,7 @@ def make_factor(kind: str, camera, rng: np.random.Generator, decoder=None):
 
 CAMERAS = ["fixed", "variable", "on a body"]
 BODY_T_CAMERA = gtsam.Pose3(gtsam.Rot3.RzRyRx(-1.6, 0.1, -1.5), np.array([0.3, -0.1, 0.8]))
-KINDS = ["surface", "surface-propagated", "depth-full", "depth-independent", "depth-paper"]
+KINDS = ["surface", "surface-propagated", "surface-bounded", "depth-full", "depth-independent", "depth-paper"]
 
 
 def problem(kind: str, camera: str, seed: int, angle: float | None = None) -> tuple[Any, gtsam.Values]:
@@ -215,6 +216,32 @@ def test_a_residual_that_is_not_finite_names_the_keys():
     for evaluate in (graph.error, graph.linearize):
         with pytest.raises(FactorError, match=r"SurfaceFactor\(o0, s0, z0, x3\).*not finite"):
             evaluate(values)
+
+
+@pytest.mark.parametrize("tail", [0.0, -1.0, float("nan")])
+def test_a_tail_that_is_none_is_refused(tail):
+    with pytest.raises(FactorError, match="tail"):
+        SurfaceFactor(KEYS, make_decoder(), gtsam.Pose3(), np.ones((4, 3)), np.full(4, 0.01), tail=tail)
+
+
+def test_what_the_mask_holds_of_something_else_pulls_a_bounded_factor_nowhere():
+    """A quarter of the points lies a metre behind: the gradient stays that of the others."""
+    rng = np.random.default_rng(3)
+    state, values = random_state(rng), gtsam.Values()
+    state.insert(values, KEYS)
+    near = state.to_world(rng.normal(size=(60, 3)) * 0.02)
+    far = near[:20] + [1.0, 0, 0]
+    gradients = {}
+    for tail in (None, 0.05):
+        for points in (near, np.concatenate([near, far])):
+            factor = SurfaceFactor(
+                KEYS, make_decoder(), gtsam.Pose3(), points, np.full(len(points), 0.01), tail=tail
+            )
+            factor.refresh(values)
+            gradient = factor.gtsam_factor().linearize(values).augmentedInformation()[:-1, -1]
+            gradients[tail, len(points)] = gradient
+    moved = {tail: np.linalg.norm(gradients[tail, 80] - gradients[tail, 60]) for tail in (None, 0.05)}
+    assert moved[0.05] < 0.02 * moved[None]
 
 
 @pytest.mark.parametrize("points", [np.zeros((0, 3)), np.zeros((4, 2)), np.full((4, 3), np.nan)])

@@ -10,6 +10,8 @@ from scipy.stats import norm
 
 from factors.errors import FactorError
 from factors.score import (
+    bounded_score,
+    bounded_slope,
     cauchy_root,
     cauchy_score,
     energy_score,
@@ -83,3 +85,24 @@ def test_cauchys_root_touches_its_score_and_lies_above_it(r, other, tail):
     quadratic = score + weight * (other.square() - r.square()) / 2
     assert float(quadratic) >= float(cauchy_score(other, tail)) - 1e-9
     assert float(cauchy_score(other, tail)) <= float(other.square()) / 2 + 1e-12
+
+
+@given(st.floats(0, 10), st.floats(0, 10), st.floats(0.01, 3))
+def test_a_bounded_score_is_the_score_at_first_and_never_more_than_its_tail_allows(score, other, tail):
+    bounded = float(bounded_score(t(score), tail))
+    assert bounded <= min(score, math.pi / 2 * tail) + 1e-12
+    assert float(bounded_score(t(1e-4 * tail), tail)) == pytest.approx(1e-4 * tail, rel=1e-6)
+    x = t(score).requires_grad_()
+    (gradient,) = torch.autograd.grad(bounded_score(x, tail), x)
+    slope = float(bounded_slope(t(score), tail))
+    assert slope == pytest.approx(float(gradient))
+    # concave: its tangent lies above it
+    assert float(bounded_score(t(other), tail)) <= bounded + slope * (other - score) + 1e-9
+
+
+@given(mus, sigmas, st.floats(-5, 5), st.floats(0.01, 1))
+def test_the_weight_majorizes_a_bounded_score_too(mu, sigma, other, tail):
+    score = energy_score(t(mu), t(sigma))
+    weight = float(majorizing_weight(t(mu), t(sigma)) * bounded_slope(score, tail))
+    tangent = float(bounded_score(score, tail)) + 0.5 * weight * (other**2 - mu**2)
+    assert float(bounded_score(energy_score(t(other), t(sigma)), tail)) <= tangent + 1e-7 * (1 + abs(tangent))
