@@ -22,6 +22,7 @@ class _Frozen(NamedTuple):
     metric: MetricSdf
     sigma: Float[Tensor, "n"]
     weight: Float[Tensor, "n"]
+    tail: float | None
 
 
 class SurfaceFactor(ObservationFactor):
@@ -32,7 +33,7 @@ class SurfaceFactor(ObservationFactor):
     paper eq:sdf_variance.
 
     With a `tail` each score is bounded (`bounded_score`): a point much farther off is of something else that the mask
-    holds.
+    holds. While rays are soft the tail is longer, by the root of how much softer, so that what is off its place is found.
     """
 
     def __init__(
@@ -49,7 +50,8 @@ class SurfaceFactor(ObservationFactor):
         tail: float | None = None,
         body_T_camera: gtsam.Pose3 | None = None,
     ) -> None:
-        """`sigma` is the sensor's standard deviation in metres; `prior_sigma` the decoder's, canonical; `tail` in metres."""
+        """`sigma` is the sensor's standard deviation in metres; `prior_sigma` the decoder's, canonical; `tail` in metres, once
+        rays are sharp."""
         super().__init__(keys, decoder, camera, body_T_camera)
         points_camera, sigma = np.asarray(points_camera, dtype=float), np.asarray(sigma, dtype=float)
         if points_camera.ndim != 2 or points_camera.shape[1] != 3 or len(points_camera) == 0:
@@ -91,25 +93,26 @@ class SurfaceFactor(ObservationFactor):
             jacobian = metric.metres[:, None] * sdf_jacobian(query, jet, camera=False).double()
             variance = variance + propagated_variance(jacobian, self._state_covariance)
         sigma = variance.sqrt()
-        self._frozen = _Frozen(metric, sigma, self._weighting.per_row(sigma))
+        tail = None if self._tail is None else self._tail * (Annealing.slope / annealing.slope) ** 0.5
+        self._frozen = _Frozen(metric, sigma, self._weighting.per_row(sigma), tail)
         self._frozen_at = place if jet.value.isfinite().all() else None
 
     def points_camera(self) -> np.ndarray:
         return self._points_camera
 
     def loss_of(self, query: SdfQuery, value: Tensor) -> float:
-        metric, sigma, weight = self._held
+        metric, sigma, weight, tail = self._held
         score = energy_score(metric.at(query.state) * value.double(), sigma)
-        return float((weight * (score if self._tail is None else bounded_score(score, self._tail))).sum())
+        return float((weight * (score if tail is None else bounded_score(score, tail))).sum())
 
     def active(self, query: SdfQuery, value: Tensor) -> Tensor:
         return torch.arange(len(value), device=value.device)
 
     def rows_of(self, query: SdfQuery, value: Tensor, jet: SdfJet) -> Rows:
-        metric, sigma, weight = self._held
+        metric, sigma, weight, tail = self._held
         mu = metric.at(query.state) * value.double()
-        if self._tail is not None:
-            weight = weight * bounded_slope(energy_score(mu, sigma), self._tail)
+        if tail is not None:
+            weight = weight * bounded_slope(energy_score(mu, sigma), tail)
         root = (weight * majorizing_weight(mu, sigma)).sqrt()
         jacobian = metric.jacobian(query.state, value, self.sdf_jacobian(query, jet))
         return Rows(root[:, None] * jacobian, root * mu, self.loss_of(query, value))

@@ -119,4 +119,4 @@ def test_a_missing_cad_model_costs_the_evaluation_and_not_the_map(tmp_path, capl
     (again / "evaluation.json").write_text("{}")
     assert main(["map", "--config", str(out / "config.json"), "--out", str(again)]) == 0
     assert (again / "config.json").read_text() == (out / "config.json").read_text()
-    assert sorted(path.name for path in again.iterdir()) == ["config.json", "map.json"]
+    assert sorted(path.name for path in again.iterdir()) == ["config.json", "map.json", "report.html"]

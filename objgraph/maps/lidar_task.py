@@ -39,12 +39,13 @@ ROADS = GraphConfig(
     upright_sigma=0.05,
     floor_sigma=0.05,
     floor_spacing=0.3,
+    surface_tail=None,
     tight_box=True,
     sides=None,
     sampling=RaySampling(coarse=8, cells=8),
 )
 """Roads are known less well than floors: a few returns on each, neither they nor the wheels are even; and a car is larger
-than a chair and no cube. Its shape is not held to its box: of few returns that makes what one scan hardly shows look known
+than a chair and no cube. Its points come of no mask. Its shape is not held to its box: of few returns that makes what one scan hardly shows look known
 (docs/lidar.md)."""
 
 

@@ -181,6 +181,7 @@ def test_the_command_writes_table_three(street, tmp_path, capsys):
         "boxes.jsonl",
         "settings.json",
         "tables.md",
+        "report.html",
         "iou.png",
     }
     assert published.KITTI_WHERE in (folder / "tables.md").read_text()
