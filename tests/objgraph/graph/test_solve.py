@@ -372,7 +372,7 @@ def test_rounds_stop_where_nothing_is_gained():
 def test_a_worse_last_round_is_not_kept():
     """A refresh may raise the cost; what is returned is the best of the last slope, not the last."""
     problem = Recorded.of(chair_problem())
-    solve([problem], SolverConfig(slopes=(200.0,), rounds=3, relative_tolerance=-np.inf))
+    solve([problem], SolverConfig(slopes=(200.0,), rounds=5, relative_tolerance=-np.inf))
     *costs, settled = [cost for _, cost in problem.refreshed]
     assert len(costs) > 3
     assert settled == pytest.approx(min(costs), rel=1e-9)
