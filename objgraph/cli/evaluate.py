@@ -46,6 +46,8 @@ def run_evaluate(command: EvaluateCommand, console: Console, line: str) -> dict[
         return {}
     if command.render is not None:
         raise EvaluationError("--render is for a --suite")
+    if command.parts:
+        raise EvaluationError("--parts is for a --suite")
     report = (_boxes if command.dataset == KITTI else _objects)(command, console)
     return report.publish(line, command.figures, command.folder, console)
 

@@ -12,6 +12,7 @@ from jaxtyping import Float
 from matplotlib.colors import to_hex
 from scipy.stats import chi2
 
+from factors.state import ObjectState
 from objgraph.errors import MapError
 from objgraph.maps.colors import sigma_colormap, sigma_limit
 from objgraph.maps.files import EVALUATION, read_document
@@ -170,7 +171,8 @@ def _modes(entry: MappedObject) -> list[dict[str, Any]]:
     return found
 
 
-def _placed(state: Any) -> Float[np.ndarray, "4 4"]:
+def _placed(state: ObjectState) -> Float[np.ndarray, "4 4"]:
+    """T_world_object with its scale: from canonical units to metres in the world."""
     return state.T_world_object.matrix() @ np.diag([*state.scale, 1.0])
 
 

@@ -2,6 +2,7 @@
 
 import html
 import json
+import re
 from collections.abc import Mapping, Sequence
 from importlib.resources import files
 from pathlib import Path
@@ -37,15 +38,14 @@ def write_report(
     contents["program"] = program_version()
     # a name may hold what ends a script
     data = json.dumps(contents, allow_nan=False).replace("<", "\\u003c")
-    page = _asset("report.html").replace("{{title}}", html.escape(contents["title"]))
-    for mark, text in (
-        ("css", _asset("report.css")),
-        ("three", _asset("three.js")),
-        ("script", _asset("report.js")),
-    ):
-        page = page.replace(f"{{{{{mark}}}}}", text)
+    parts = {
+        "title": html.escape(contents["title"]), "css": _asset("report.css"), "three": _asset("three.js"),
+        "script": _asset("report.js"), "data": data,
+    }  # fmt: skip
+    # in one pass: what is put in may look like a mark
+    page = re.sub(r"\{\{(\w+)\}\}", lambda mark: parts[mark[1]], _asset("report.html"))
     try:
-        replace_file(folder / REPORT, page.replace("{{data}}", data).encode())
+        replace_file(folder / REPORT, page.encode())
     except OSError as error:
         raise MapError(f"{folder / REPORT}: cannot be written ({error})") from error
     return folder / REPORT

@@ -27,17 +27,20 @@ class ObjectPicture:
     rgb: UInt8[np.ndarray, "h w 3"]
 
 
-def object_pictures(entry: MappedObject, frames: FrameSource) -> list[ObjectPicture]:
-    """One picture a view that the object was mapped from, of those that the scan still has."""
-    if entry.vertices is None or entry.faces is None or entry.cameras is None:
-        return []
+def object_pictures(entries: Sequence[MappedObject], frames: FrameSource) -> dict[int, list[ObjectPicture]]:
+    """By object, one picture a view that it was mapped from, of those that the scan still has."""
     index = {name: i for i, name in enumerate(frames.names)}
-    surface = raster.Surface(entry.vertices, entry.faces, np.ones_like(entry.vertices))
-    return [
-        _picture(frames[index[name]], T_world_camera, entry.id, surface)
-        for name, T_world_camera in zip(entry.views, entry.cameras, strict=True)
-        if name in index
-    ]
+    found = {}
+    for entry in entries:
+        if entry.vertices is None or entry.faces is None or entry.cameras is None:
+            continue
+        surface = raster.Surface(entry.vertices, entry.faces, np.ones_like(entry.vertices))
+        found[entry.id] = [
+            _picture(frames[index[name]], T_world_camera, entry.id, surface)
+            for name, T_world_camera in zip(entry.views, entry.cameras, strict=True)
+            if name in index
+        ]
+    return found
 
 
 def _picture(

@@ -176,6 +176,8 @@ def test_mistakes_are_told(tmp_path):
         run_evaluate(EvaluateCommand(suite="quick"), Console(), "")
     with pytest.raises(EvaluationError, match="--render is for a --suite"):
         run_evaluate(EvaluateCommand(out=tmp_path, render=tmp_path), Console(), "")
+    with pytest.raises(EvaluationError, match="--parts is for a --suite"):
+        run_evaluate(EvaluateCommand(out=tmp_path, parts=("icl",)), Console(), "")
     with pytest.raises(EvaluationError, match="--out names a folder"):
         run_evaluate(EvaluateCommand(), Console(), "")
     with pytest.raises(EvaluationError, match="no start 'mine' in graph@mine"):

@@ -134,7 +134,7 @@ def test_errors_beside_the_map_are_columns(saved):
 
 
 def test_names_cannot_end_the_script_and_nothing_is_fetched(tmp_path):
-    name = "</script><script>alert(1)</script>"
+    name = "</script><script>alert(1)</script>{{data}}"
     ObjectMap(name, (failed(reason=name),), UP).save(tmp_path)
     path = write_report(tmp_path)
     assert contents(path)["title"] == name
@@ -152,7 +152,7 @@ def test_views_are_cut_out_with_both_outlines():
         1, vertices=state.to_world(np.asarray(mesh.vertices)), faces=np.asarray(mesh.faces), vertex_sigma=None,
         views=("f1", "gone"), cameras=np.stack([frames[1].T_world_camera] * 2),
     )  # fmt: skip
-    (shown,) = object_pictures(entry, ListedFrames(frames))
+    ((shown,),) = object_pictures([entry], ListedFrames(frames)).values()
     assert shown.frame == "f1"
     assert shown.rgb.shape[1] == 360
     red = np.all(np.abs(shown.rgb.astype(int) - (213, 94, 0)) < 40, axis=2)
@@ -169,11 +169,11 @@ def test_views_are_cut_out_with_both_outlines():
     assert np.ptp(height) / np.ptp(found) == pytest.approx((np.ptp(rows) + 1) / edge, rel=0.05)
     color = np.full((*frames[1].depth.shape, 3), 200, np.uint8)
     colored = replace(frames[1], color=color)
-    (again,) = object_pictures(entry, ListedFrames([colored]))
+    ((again,),) = object_pictures([entry], ListedFrames([colored])).values()
     assert (np.all(np.abs(again.rgb.astype(int) - 200) < 3, axis=2)).mean() > 0.5
     # a colour image of twice the size sees the same
     larger = replace(colored, color=cv2.resize(color, None, fx=2, fy=2))
-    (twice,) = object_pictures(entry, ListedFrames([larger]))
+    ((twice,),) = object_pictures([entry], ListedFrames([larger])).values()
     same = cv2.resize(twice.rgb, again.rgb.shape[1::-1])
     assert np.abs(same.astype(int) - again.rgb).mean() < 6
 
