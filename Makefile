@@ -10,7 +10,7 @@ demo: $(STAMP)
 	$(BIN)/objgraph map --dataset sample --out out/demo
 
 # a file's tests stay in one process, and the long files come first (tests/conftest.py)
-test: $(STAMP) lint types
+test: $(STAMP) lint types docs
 	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n $(WORKERS) --dist loadfile --no-loadscope-reorder
 
 lint: $(STAMP)
@@ -19,6 +19,9 @@ lint: $(STAMP)
 
 types: $(STAMP)
 	$(BIN)/pyright
+
+docs: $(STAMP)
+	$(BIN)/python -m sphinx -q -W --keep-going -b html docs out/site
 
 $(STAMP): pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV)

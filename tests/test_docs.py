@@ -1,31 +1,69 @@
-"""The documentation: its links lead somewhere and its Python compiles."""
+"""The documentation: its links lead somewhere, its Python compiles or runs, its commands are taken, its pages are short."""
 
+import importlib
 import re
+import shlex
 from pathlib import Path
 
 import pytest
+from rich.console import Console
 
 from tests.conftest import REPOSITORY
 
-PAGES = sorted([REPOSITORY / "README.md", *(REPOSITORY / "docs").rglob("*.md")])
+command_line = importlib.import_module("objgraph.cli.main")
+DOCS = REPOSITORY / "docs"
+MADE = [DOCS / "reference" / name for name in ("api.md", "commands.md")]
+"""By the site's builder, of docstrings and helps."""
+PAGES = sorted({REPOSITORY / "README.md", *DOCS.rglob("*.md")} - set(MADE))
+DATED = {DOCS / "results.md", *(DOCS / "decisions").iterdir()}
+"""What was run is told there, with the options of then, at whatever length it takes."""
+GUIDES = [page for page in PAGES if page not in DATED]
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def of(page: Path) -> str:
+    return str(page.relative_to(REPOSITORY))
+
+
+@pytest.mark.parametrize("page", PAGES, ids=of)
 def test_relative_links_lead_to_files(page: Path):
     for target in re.findall(r"\]\(([^)#\s]+)(?:#[^)]*)?\)", page.read_text()):
         if "://" not in target:
             assert (page.parent / target).exists(), f"{page.name} links to {target}"
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+@pytest.mark.parametrize("page", PAGES, ids=of)
 def test_python_blocks_compile(page: Path):
-    for block in re.findall(r"```python\n(.*?)```", page.read_text(), flags=re.DOTALL):
+    for block in python_of(page):
         compile(block, str(page), "exec")
 
 
-def test_the_first_page_is_short_and_its_python_runs(tmp_path, monkeypatch, capsys):
+@pytest.mark.parametrize("page", GUIDES, ids=of)
+def test_pages_are_short(page: Path):
+    assert len(page.read_text().split()) <= 1500
+
+
+@pytest.mark.parametrize("page", GUIDES, ids=of)
+def test_commands_are_taken(page: Path, monkeypatch):
+    """Every `objgraph` command of a page has the options that the verb has."""
+
+    class Taken(Exception):
+        pass
+
+    parse = command_line._parsed
+
+    def only_parse(kind, verb, arguments):
+        parse(kind, verb, arguments)
+        raise Taken
+
+    monkeypatch.setattr(command_line, "_parsed", only_parse)
+    for words in commands_of(page):
+        with pytest.raises(Taken):
+            command_line.VERBS[words[0]](words[1:], Console())
+
+
+def test_the_first_page_is_short_and_its_python_runs(tmp_path, monkeypatch):
     text = (REPOSITORY / "README.md").read_text()
-    (block,) = re.findall(r"```python\n(.*?)```", text, flags=re.DOTALL)
+    (block,) = python_of(REPOSITORY / "README.md")
     assert len(re.sub(r"```python\n(.*?)```", "", text, flags=re.DOTALL).split()) < 450
     monkeypatch.chdir(tmp_path)
     found: dict = {}
@@ -33,3 +71,22 @@ def test_the_first_page_is_short_and_its_python_runs(tmp_path, monkeypatch, caps
     assert found["marginals"].matrix.shape == (73, 73)
     truth = found["scan"].ground_truth[2]
     assert found["state"].T_world_object.translation() == pytest.approx(truth.T_world_object[:3, 3], abs=0.15)
+
+
+def test_the_first_steps_python_runs(tmp_path, monkeypatch, capsys):
+    (block,) = python_of(DOCS / "start.md")
+    monkeypatch.chdir(tmp_path)
+    exec(compile(block, "start.md", "exec"), {})
+    assert "R:" in capsys.readouterr().out
+
+
+def python_of(page: Path) -> list[str]:
+    return re.findall(r"```python\n(.*?)```", page.read_text(), flags=re.DOTALL)
+
+
+def commands_of(page: Path) -> list[list[str]]:
+    """The words after `objgraph` of every command that stands in a block of its own."""
+    text = page.read_text().replace("\\\n", " ")
+    lines = re.findall(r"^ {4}(?:\.venv/bin/)?objgraph (.+)$", text, flags=re.MULTILINE)
+    plain = [re.sub(r"\[[^\]]*\]", " ", line) for line in lines]
+    return [shlex.split(line, comments=True) for line in plain]

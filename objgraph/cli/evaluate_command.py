@@ -55,7 +55,7 @@ class EvaluateCommand:
     difficulty: Difficulty = "clean"
     """What is wrong with synthetic scans: next to nothing, what a careful user gets, or what ScanNet is like."""
     faults: Path | None = None
-    """JSON file of faults' strengths that differ from the difficulty's (docs/evaluation.md lists them)."""
+    """JSON file of faults' strengths that differ from the difficulty's (docs/reference/benchmark.md lists them)."""
     shapes: ShapeSet | None = None
     """Synthetic shapes: the project's `families`; of `meshes` what people made (`cad`) or a generator (`everyday`). By
     default what of these is there."""
@@ -80,7 +80,7 @@ class EvaluateCommand:
     calibration: bool = False
     """Report how far covariances hold in place of how far estimates are right."""
     released: bool = False
-    """Take `ours`, `ours-det2d` and `dsp-slam-gn` as the released programs are (docs/evaluation.md), not as we would have them."""
+    """Take `ours`, `ours-det2d` and `dsp-slam-gn` as the released programs are (docs/reference/benchmark.md), not as we would have them."""
     stability: bool = False
     """Estimate every object six times more, by other draws of points and with two threads, and report how far they differ."""
     retry_failed: bool = False

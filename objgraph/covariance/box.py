@@ -53,7 +53,7 @@ def box_pose(
     """The object's box, with the covariance that `covariance` gives it and the prior's `misfit` added.
 
     Every training shape of a prior with a `box` fills that box, and the graph holds codes to it: scale times the box are
-    then the extents, nearer to the true ones than those of the mesh, which are drawn short (docs/covariances.md). Of any
+    then the extents, nearer to the true ones than those of the mesh, which are drawn short (docs/decisions/2026-11-covariances.md). Of any
     other prior it is the box about `p_object`, the canonical vertices of the object's mesh, which are made where they
     are not given.
     By default the misfit is the prior's own; `view_cost`, the cost of a view at the estimate, says how well the

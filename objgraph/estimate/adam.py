@@ -51,7 +51,7 @@ class AdamConfig:
     """lambda_r."""
     code_weight: float = 30.0
     """lambda_c, of the mean square of the code's entries about the prior's mean. The released 3000 is for codes of
-    another decoder; of 3000, 300 and 30 this one served the shipped priors best (docs/evaluation.md)."""
+    another decoder; of 3000, 300 and 30 this one served the shipped priors best (docs/guides/compare.md)."""
     uncertainty: bool = True
     """Whether the covariance is estimated and scored; without it the scores are absolute errors (DSP-SLAM)."""
     pose_variance: float = 1e-4

@@ -37,7 +37,7 @@ class HeadingModesConfig:
     )
     temperature: float = 5.0
     """Cost that counts as one nat. Costs are weighted energy scores, no log-likelihoods, and what the prior cannot make tells
-    headings apart by chance, as noise does not: the likeliest on development objects (docs/covariances.md). A turn that
+    headings apart by chance, as noise does not: the likeliest on development objects (docs/decisions/2026-11-covariances.md). A turn that
     costs less by less than this is not taken."""
 
 

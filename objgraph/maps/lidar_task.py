@@ -46,7 +46,7 @@ ROADS = GraphConfig(
 )
 """Roads are known less well than floors: a few returns on each, neither they nor the wheels are even; and a car is larger
 than a chair and no cube. Its points come of no mask. Its shape is not held to its box: of few returns that makes what one scan hardly shows look known
-(docs/lidar.md)."""
+(docs/decisions/2026-11-kitti.md)."""
 
 
 def task_of(

@@ -73,7 +73,7 @@ class MappedObject:
     code: Float[np.ndarray, "l"] | None = None
     """Shape code."""
     covariance: Float[np.ndarray, "9 9"] | None = None
-    """Of pose and log-scale, as the estimator gives it: the graph's marginals are too small (docs/covariances.md).
+    """Of pose and log-scale, as the estimator gives it: the graph's marginals are too small (docs/guides/covariances.md).
     `COVARIANCE_AXES` says what each row is."""
     code_sigma: Float[np.ndarray, "l"] | None = None
     """Standard deviation of each entry of the code."""

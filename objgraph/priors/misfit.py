@@ -11,7 +11,7 @@ class BoxMisfit:
     """How far the box of a real object lies from that of the best shape that a prior can make of it.
 
     No covariance of pose, scale and code knows of it: it says how well these are known, not what they leave out. It is
-    measured on development objects (docs/covariances.md) and kept with the prior; the defaults are for one of which nothing
+    measured on development objects (docs/decisions/2026-11-covariances.md) and kept with the prior; the defaults are for one of which nothing
     was measured.
     """
 

@@ -37,7 +37,7 @@ class ShapePrior:
     code_mean: Float[np.ndarray, "l"]
     """Of the training codes; where these are of kinds, the one nearest to it, which is a shape."""
     code_covariance: Float[np.ndarray, "l l"]
-    """Of all codes that the prior holds for likely: that of the training codes, or wider (docs/priors.md)."""
+    """Of all codes that the prior holds for likely: that of the training codes, or wider (docs/reference/training.md)."""
     residual_sigma: float
     """Standard deviation of the decoder's SDF error near unseen surfaces, in canonical units."""
     size_mean: float
