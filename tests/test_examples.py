@@ -18,6 +18,7 @@ from objgraph.datasets.registry import load_scan
 from objgraph.datasets.trajectory import absolute_trajectory_error, read_tum
 from objgraph.geometry.boxes import OrientedBox, box_iou
 from objgraph.maps.object_map import ObjectMap
+from objgraph.priors.registry import load_prior
 from objgraph.synthetic.street import ensure_street
 from tests.conftest import REPOSITORY
 from tests.test_main_job import criteria
@@ -30,6 +31,22 @@ def maps_every_object(out: Path) -> None:
     assert met["iou"] == met["chamfer"] == len(scan.instances) == 6
     assert met["pose"] >= 5  # a table may stand a quarter turn off
     assert (out / "map.png").stat().st_size > 10_000
+
+
+def more_views_tell_more(out: Path) -> None:
+    one, three = json.loads((out / "metrics.json").read_text())
+    assert (one["views"], three["views"]) == (1, 3)
+    for name in ("rotation_sigma_deg", "translation_sigma_m", "box_centre_sigma_m"):
+        assert np.linalg.norm(three[name]) < np.linalg.norm(one[name])
+    assert max(three["hit_probability"]) > 0.9  # the chair is where its middle is
+    assert min(sigma for sigma in three["depth_sigma_m"] if sigma is not None) > 0
+
+
+def the_own_prior_serves(out: Path) -> None:
+    prior = load_prior(out / "train" / "table.safetensors")
+    tables = ObjectMap.load(out / "map").mapped
+    assert [entry.category for entry in tables] == ["table", "table"]
+    assert {entry.prior.hash for entry in tables if entry.prior} == {prior.card["sha256"]}
 
 
 def hold_the_cameras(out: Path, suffix: str, frames: int) -> None:
@@ -87,11 +104,14 @@ def cars_are_mapped(out: Path) -> None:
 
 
 EXAMPLES: dict[str, tuple[list[str], Callable[[Path], None]]] = {
+    "01_map_a_scan": (["--views", "2"], maps_every_object),
     "scannet_graph": (["--views", "2"], maps_every_object),
-    "kitti_graph": ([], cars_are_mapped),
-    "slam_with_objects": (["--frames", "12", "--objects", "1"], objects_hold_the_cameras),
-    "active_vision": (["--count", "40"], the_next_view_is_chosen),
-    "incremental": (["--frames", "7", "--laps", "0.7", "--objects", "1"], a_map_grows),
+    "03_objects_in_your_graph": (["--frames", "12", "--objects", "1"], objects_hold_the_cameras),
+    "04_incremental": (["--frames", "7", "--laps", "0.7", "--objects", "1"], a_map_grows),
+    "05_covariances": ([], more_views_tell_more),
+    "06_next_view": (["--count", "40"], the_next_view_is_chosen),
+    "07_cars": ([], cars_are_mapped),
+    "08_bring_a_prior": (["--steps", "200"], the_own_prior_serves),
 }
 
 

@@ -1,7 +1,7 @@
 """Cars from one LiDAR scan and a detector's boxes, each a few lines in a graph of its own.
 
-    python examples/kitti_graph.py --out out/street
-    python examples/kitti_graph.py --root ../shared/data/kitti --frame 000008 --out out/kitti
+    python examples/07_cars.py --out out/street
+    python examples/07_cars.py --root ../shared/data/kitti --frame 000008 --out out/kitti
 
 Without `--root` the project's own street is generated. A car is three variables: its pose, its log-scale and its shape
 code. The detector's box, the road and the returns on and beside the car each say something of them. `objgraph map

@@ -1,6 +1,6 @@
 """A map that grows frame by frame: drifting odometry and masks go in, objects and cameras come out.
 
-    python examples/incremental.py --out out/incremental
+    python examples/04_incremental.py --out out/incremental
 
 A camera walks twice about a furnished room. No mask says which object of the map it is: that is for the association to
 find. Whatever was decided is printed with its reason.

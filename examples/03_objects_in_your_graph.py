@@ -1,6 +1,6 @@
 """Objects added to somebody's pose graph: drifting odometry, no loop closures but the furniture itself.
 
-    python examples/slam_with_objects.py --out out/slam
+    python examples/03_objects_in_your_graph.py --out out/slam
 
 A camera walks twice about a furnished room. The pose graph is plain GTSAM: a prior on the first camera and odometry
 that drifts by 2 % of the distance and 1 degree a metre. Then each object is one more variable of that same graph, seen

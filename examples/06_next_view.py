@@ -1,6 +1,6 @@
 """Where to look next: the graph's covariance chooses the camera.
 
-    python examples/active_vision.py --out out/active
+    python examples/06_next_view.py --out out/active
 
 A chair of the sample room is mapped from one view. Then 100 cameras about it are ranked by what each is expected to tell of
 it, from the map's covariance alone; no picture is taken. (`python -m objgraph.bench.active` measures what such views are
