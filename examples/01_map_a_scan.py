@@ -38,8 +38,8 @@ def main(arguments: Arguments) -> None:
     for entry in object_map.mapped:
         print(entry.category, entry.id)
         print("  T_world_object, metres:", entry.state.T_world_object.translation().round(2))
-        print("  width, height, depth, metres:", np.round(entry.size_m, 2))
-        print("  vertices of its mesh, world frame:", np.shape(entry.vertices))
+        print("  width, height, depth, metres:", np.asarray(entry.size_m).round(2))
+        print("  vertices of its mesh, world frame:", np.asarray(entry.vertices).shape)
     for entry in object_map.objects:
         if entry.status == "failed":
             print(entry.category, entry.id, "could not be mapped:", entry.reason)

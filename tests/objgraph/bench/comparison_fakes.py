@@ -103,7 +103,7 @@ class FakeSource:
         return "fake"
 
     def settings(self) -> dict[str, Any]:
-        return {"seed": self.seed}
+        return {"seed": self.seed, "range_m": (0.4, 6.0)}
 
     def cases(self, progress: Callable[[int, int], None] | None = None) -> Sequence[FakeCase]:
         return self.given

@@ -272,6 +272,7 @@ def test_other_settings_are_refused(tmp_path, calls, monkeypatch):
     assert "common.mesh_resolution: 24 before, 32 now" in message
     message = refused(toy_comparison(tmp_path, seed=5))
     assert "data.seed: 0 before, 5 now" in message
+    assert message.count(" before, ") == 1, "what has not changed is not named"
     with monkeypatch.context() as patch:
         patch.setitem(METHODS, "near", Method(lambda: FakeEstimator(step=0.1), FAST.sampling))
         message = refused(comparison)

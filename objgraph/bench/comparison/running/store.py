@@ -195,8 +195,8 @@ def _read_settings(path: Path) -> dict[str, Any]:
 
 
 def _differences(before: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]:
-    """Which settings differ, in words."""
-    a, b = _flat(before), _flat(now)
+    """Which settings differ, in words; `before` was read from JSON, which has no tuples."""
+    a, b = _flat(before), _flat(json.loads(json.dumps(now)))
     return [
         f"{name}: {a.get(name, 'none')} before, {b.get(name, 'none')} now"
         for name in sorted(a.keys() | b.keys())
