@@ -153,3 +153,17 @@ def test_examples_are_short_and_need_no_deep_path(name: str):
 
 def test_every_example_is_tested():
     assert {path.stem for path in (REPOSITORY / "examples").glob("*.py")} == set(EXAMPLES)
+
+
+def test_the_tour_runs(tmp_path: Path, monkeypatch):
+    notebook = json.loads((REPOSITORY / "examples" / "tour.ipynb").read_text())
+    cells = [cell for cell in notebook["cells"] if cell["cell_type"] == "code"]
+    assert all(cell["outputs"] for cell in cells), "it is committed with what it shows"
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("matplotlib.pyplot.show", lambda: None)
+    found: dict = {}
+    for cell in cells:
+        exec(compile("".join(cell["source"]), "tour.ipynb", "exec"), found)
+    assert found["marginals"].matrix.shape == (73, 73)
+    assert np.linalg.norm(found["after"]) < np.linalg.norm(found["before"])
+    assert len(found["ranked"]) == 60
