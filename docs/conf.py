@@ -27,14 +27,14 @@ _HERE = Path(__file__).parent
 
 def _commands() -> str:
     """Every verb's help, as it is printed."""
-    from objgraph.cli.main import VERBS, main
+    from objgraph.cli.main import VERBS, main, summary
 
     lines = ["# Commands\n", "`objgraph VERB --help`, of every verb.\n"]
-    for verb, run in VERBS.items():
+    for verb in VERBS:
         printed = io.StringIO()
         with contextlib.redirect_stdout(printed), contextlib.suppress(SystemExit):
             main([verb, "--help"])
-        lines += [f"## {verb}\n", f"{run.__doc__}\n", f"```text\n{printed.getvalue().rstrip()}\n```\n"]
+        lines += [f"## {verb}\n", f"{summary(verb)}\n", f"```text\n{printed.getvalue().rstrip()}\n```\n"]
     return "\n".join(lines)
 
 

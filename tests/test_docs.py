@@ -42,13 +42,12 @@ def test_pages_are_short(page: Path):
     assert len(page.read_text().split()) <= 1500
 
 
-@pytest.mark.parametrize("page", GUIDES, ids=of)
-def test_commands_are_taken(page: Path, monkeypatch):
-    """Every `objgraph` command of a page has the options that the verb has."""
+class Taken(Exception):
+    """The command's words are what the verb takes."""
 
-    class Taken(Exception):
-        pass
 
+@pytest.fixture
+def only_parsed(monkeypatch):
     parse = command_line._parsed
 
     def only_parse(kind, verb, arguments):
@@ -56,9 +55,23 @@ def test_commands_are_taken(page: Path, monkeypatch):
         raise Taken
 
     monkeypatch.setattr(command_line, "_parsed", only_parse)
-    for words in commands_of(page):
+
+
+@pytest.mark.parametrize("page", GUIDES, ids=of)
+def test_commands_of_pages_are_taken(page: Path, only_parsed):
+    for words in commands_of(page.read_text()):
         with pytest.raises(Taken):
             command_line.VERBS[words[0]](words[1:], Console())
+
+
+@pytest.mark.parametrize("verb", command_line.VERBS)
+def test_examples_of_helps_are_taken(verb: str, only_parsed):
+    examples = commands_of(command_line.VERBS[verb].__doc__)
+    assert examples
+    for words in examples:
+        assert words[0] == verb
+        with pytest.raises(Taken):
+            command_line.VERBS[verb](words[1:], Console())
 
 
 def test_the_first_page_is_short_and_its_python_runs(tmp_path, monkeypatch):
@@ -84,9 +97,8 @@ def python_of(page: Path) -> list[str]:
     return re.findall(r"```python\n(.*?)```", page.read_text(), flags=re.DOTALL)
 
 
-def commands_of(page: Path) -> list[list[str]]:
-    """The words after `objgraph` of every command that stands in a block of its own."""
-    text = page.read_text().replace("\\\n", " ")
-    lines = re.findall(r"^ {4}(?:\.venv/bin/)?objgraph (.+)$", text, flags=re.MULTILINE)
-    plain = [re.sub(r"\[[^\]]*\]", " ", line) for line in lines]
-    return [shlex.split(line, comments=True) for line in plain]
+def commands_of(text: str) -> list[list[str]]:
+    """The words after `objgraph` of every command that stands on an indented line of its own."""
+    found = r"^ {4}(?:\$ |\.venv/bin/)?objgraph (.+)$"
+    lines = re.findall(found, text.replace("\\\n", " "), flags=re.MULTILINE)
+    return [shlex.split(re.sub(r"\[[^\]]*\]", " ", line), comments=True) for line in lines]

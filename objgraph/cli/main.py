@@ -1,5 +1,6 @@
 """The command `objgraph`: one verb, whose libraries alone are loaded."""
 
+import inspect
 import sys
 from collections.abc import Callable
 from typing import TYPE_CHECKING, TypeVar
@@ -11,28 +12,44 @@ Command = TypeVar("Command")
 
 
 def _map(arguments: list[str], console: "Console") -> None:
-    """Map the objects of one scan."""
+    """Map the objects of one scan.
+
+    $ objgraph map --dataset sample --out out/demo
+    $ objgraph map --dataset folder --root MYSCAN --out out/mine
+    $ objgraph map --dataset scannet --root DIR --scene scene0470_00 --categories chair table --out out/chairs
+    """
     from objgraph.cli.map import MapCommand, run_map
 
     run_map(_parsed(MapCommand, "map", arguments), console)
 
 
 def _report(arguments: list[str], console: "Console") -> None:
-    """Write a saved map's page: one HTML file with the map in 3D, its table and the objects' views."""
+    """Write a saved map's page: one HTML file with the map in 3D, its table and the objects' views.
+
+    $ objgraph report out/demo
+    """
     from objgraph.cli.report import ReportCommand, run_report
 
     run_report(_parsed(ReportCommand, "report", arguments), console)
 
 
 def _next_view(arguments: list[str], console: "Console") -> None:
-    """Say from where to look next at a saved map's objects, and what that is expected to tell."""
+    """Say from where to look next at a saved map's objects, and what that is expected to tell.
+
+    $ objgraph next-view out/demo --out out/next
+    $ objgraph next-view out/demo --cameras reachable.txt --out out/next
+    """
     from objgraph.cli.next_view import NextViewCommand, run_next_view
 
     run_next_view(_parsed(NextViewCommand, "next-view", arguments), console)
 
 
 def _evaluate(arguments: list[str], console: "Console") -> None:
-    """Compare methods on objects with ground truth: the paper's tables, intervals, plots."""
+    """Compare methods on objects with ground truth: the paper's tables, intervals, plots.
+
+    $ objgraph evaluate --difficulty hard --methods graph,ours --views 3 --seed 5 --out out/hard --jobs 2
+    $ objgraph evaluate --suite quick --root DATA --seed 5 --out out/quick --jobs 2
+    """
     import shlex
 
     from objgraph.cli.evaluate import run_evaluate
@@ -43,7 +60,10 @@ def _evaluate(arguments: list[str], console: "Console") -> None:
 
 
 def _train(arguments: list[str], console: "Console") -> None:
-    """Train a category's shape prior; a killed run goes on where it was."""
+    """Train a category's shape prior; a killed run goes on where it was.
+
+    $ objgraph train --category sofa --meshes MESHES --out out/sofa --bf16 0.9
+    """
     from objgraph.training.export import train_command
     from objgraph.training.train import TrainConfig
 
@@ -51,35 +71,51 @@ def _train(arguments: list[str], console: "Console") -> None:
 
 
 def _train_guess(arguments: list[str], console: "Console") -> None:
-    """Give a prior that has none a first guess: a network that proposes how an object may stand."""
+    """Give a prior that has none a first guess: a network that proposes how an object may stand.
+
+    $ objgraph train-guess --prior sofa.safetensors --out sofa-with-guess.safetensors
+    """
     from objgraph.training.guess import GuessCommand, guess_command
 
     console.print(f"written to {guess_command(_parsed(GuessCommand, 'train-guess', arguments))}")
 
 
 def _convert_prior(arguments: list[str], console: "Console") -> None:
-    """Make a prior of a DeepSDF experiment folder (specs.json and ModelParameters)."""
+    """Make a prior of a DeepSDF experiment folder (specs.json and ModelParameters).
+
+    $ objgraph convert-prior --source EXPERIMENT --category sofa --out sofa.safetensors
+    """
     from objgraph.training.convert import ConvertConfig, convert_command
 
     console.print(f"written to {convert_command(_parsed(ConvertConfig, 'convert-prior', arguments))}")
 
 
 def _priors(arguments: list[str], console: "Console") -> None:
-    """List the shape priors that there are, and what is known of them."""
+    """List the shape priors that there are, and what is known of them.
+
+    $ objgraph priors
+    $ objgraph priors sofa.safetensors --json priors.json
+    """
     from objgraph.cli.priors import PriorsCommand, priors_command
 
     priors_command(_parsed(PriorsCommand, "priors", arguments), console)
 
 
 def _evaluate_prior(arguments: list[str], console: "Console") -> None:
-    """Measure a shape prior on folders of meshes: the best code of each, given all of it and given one view."""
+    """Measure a shape prior on folders of meshes: the best code of each, given all of it and given one view.
+
+    $ objgraph evaluate-prior --category chair --meshes MESHES --json chair.json
+    """
     from objgraph.cli.evaluate_prior import EvaluatePriorCommand, run_evaluate_prior
 
     run_evaluate_prior(_parsed(EvaluatePriorCommand, "evaluate-prior", arguments), console)
 
 
 def _segment(arguments: list[str], console: "Console") -> None:
-    """Segment the colour images of a data set that has no masks yet, with Mask2Former."""
+    """Segment the colour images of a data set that has no masks yet, with Mask2Former.
+
+    $ objgraph segment --root MYSCAN --up 0 0 1
+    """
     from objgraph.cli.segment import SegmentCommand, run_segment
 
     run_segment(_parsed(SegmentCommand, "segment", arguments), console)
@@ -148,12 +184,21 @@ def _parsed(kind: type[Command], verb: str, arguments: list[str]) -> Command:
 
     flags = (tyro.conf.FlagCreatePairsOff,) if verb.startswith("evaluate") else ()
     return tyro.cli(
-        kind, prog=f"objgraph {verb}", description=VERBS[verb].__doc__, args=arguments, config=flags
+        kind,
+        prog=f"objgraph {verb}",
+        description=inspect.getdoc(VERBS[verb]),
+        args=arguments,
+        config=flags,
     )
 
 
+def summary(verb: str) -> str:
+    """What a verb does, in a line; the examples of its help come after it."""
+    return (VERBS[verb].__doc__ or "").splitlines()[0]
+
+
 def _help() -> str:
-    verbs = "\n".join(f"  {verb:<15} {run.__doc__}" for verb, run in VERBS.items())
+    verbs = "\n".join(f"  {verb:<15} {summary(verb)}" for verb in VERBS)
     return (
         "usage: objgraph [-h] [--version] VERB ...\n\n"
         "Object-level mapping with learnt shape priors, as a factor graph.\n\n"
