@@ -1,20 +1,17 @@
 """What the command line does with methods: `objgraph evaluate`."""
 
 import os
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 from rich.console import Console
 
 from objgraph.bench.comparison.boxes.compare import KITTI, LidarComparison, compare_boxes
-from objgraph.bench.comparison.boxes.compare import ROWS as BOX_ROWS
 from objgraph.bench.comparison.boxes.report import box_report
 from objgraph.bench.comparison.boxes.rgbd import rgbd_box_report
 from objgraph.bench.comparison.contenders.methods import METHODS, method, released
 from objgraph.bench.comparison.objects.cases import SYNTHETIC, CaseSource, SyntheticSource
-from objgraph.bench.comparison.objects.compare import ROWS, Comparison, compare
+from objgraph.bench.comparison.objects.compare import Comparison, compare
 from objgraph.bench.comparison.objects.config import ComparisonConfig
 from objgraph.bench.comparison.objects.report import calibration_report, object_report
 from objgraph.bench.comparison.objects.rows import SHARED, STARTS, contender, method_and_start
@@ -24,7 +21,7 @@ from objgraph.bench.comparison.writing.report import Report
 from objgraph.bench.worlds.cases import BenchmarkConfig
 from objgraph.bench.worlds.viewpoints import VIEWS
 from objgraph.cli.evaluate_command import EvaluateCommand
-from objgraph.cli.progress import Progress, progress
+from objgraph.cli.progress import progress
 from objgraph.cli.suite import run_suite
 from objgraph.datasets.files import read_json
 from objgraph.datasets.registry import datasets, has_boxes
@@ -61,7 +58,7 @@ def _objects(command: EvaluateCommand, console: Console) -> Report:
             f"data set '{command.dataset}': --calibration and --stability are for data sets with true shapes"
         )
     _check_writable(command.figures)
-    with _running(command.folder / ROWS, console) as tell:
+    with progress(console, transient=True) as tell:
         rows = compare(comparison, command.jobs, command.retry_failed, program_version(), tell)
         again = compare_again(comparison, command.jobs, program_version(), tell) if command.stability else []
     if boxes:
@@ -86,21 +83,9 @@ def _boxes(command: EvaluateCommand, console: Console) -> Report:
         command.root, _methods(command), command.folder, _scans(command), command.seed, command.priors,
         detector_noise=command.detector_noise,
     )  # fmt: skip
-    with _running(command.folder / BOX_ROWS, console) as tell:
+    with progress(console, transient=True) as tell:
         rows = compare_boxes(comparison, command.jobs, command.retry_failed, program_version(), tell)
     return box_report(comparison, rows, command.least_points)
-
-
-@contextmanager
-def _running(rows: Path, console: Console) -> Iterator[Progress]:
-    """Progress of what can be stopped and goes on."""
-    try:
-        with progress(console, transient=True) as tell:
-            yield tell
-    except KeyboardInterrupt as error:
-        raise EvaluationError(
-            f"stopped; what is done is in {rows}, and the same command goes on from there"
-        ) from error
 
 
 def _methods(command: EvaluateCommand) -> tuple[str, ...]:

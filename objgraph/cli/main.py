@@ -135,13 +135,23 @@ VERBS: dict[str, Callable[[list[str], "Console"], None]] = {
 }
 
 
+_GOES_ON = ("evaluate", "train", "train-guess", "segment")
+"""Verbs that keep what they have finished."""
+
+
 def main(arguments: list[str] | None = None) -> int:
     """Run one verb; an error that the user can mend is one line, not a traceback.
+
+    Returns:
+        The exit code: 0, 1 after an error that is told, 130 where the user stopped it.
 
     Raises:
         SystemExit: help or the version was asked for (0), or the words are none of the command's (2).
     """
     verb, *rest = (sys.argv[1:] if arguments is None else arguments) or [""]
+    loudness = {"-q": -1, "--quiet": -1, "-v": 1, "--verbose": 1}.get(verb, 0)
+    if loudness:
+        verb, *rest = rest or [""]
     if verb in ("-h", "--help"):
         print(_help())
         raise SystemExit(0)
@@ -154,10 +164,10 @@ def main(arguments: list[str] | None = None) -> int:
         problem = f"no verb '{verb}'" if verb else "no verb given"
         print(f"objgraph: {problem}; there are {', '.join(VERBS)}", file=sys.stderr)
         raise SystemExit(2)
-    return _run(verb, rest)
+    return _run(verb, rest, loudness)
 
 
-def _run(verb: str, arguments: list[str]) -> int:
+def _run(verb: str, arguments: list[str], loudness: int) -> int:
     import logging
     import os
 
@@ -167,15 +177,22 @@ def _run(verb: str, arguments: list[str]) -> int:
 
     from objgraph.errors import ObjectGraphError
 
-    console = Console(width=None if sys.stdout.isatty() else int(os.environ.get("COLUMNS", "140")))
+    width = None if sys.stdout.isatty() else int(os.environ.get("COLUMNS", "140"))
+    console, errors = Console(width=width, quiet=loudness < 0), Console(width=width, stderr=True)
     logging.basicConfig(
-        level=logging.WARNING, format="%(message)s", handlers=[RichHandler(console=console, show_path=False)]
+        level={-1: logging.ERROR, 0: logging.WARNING, 1: logging.INFO}[loudness],
+        format="%(message)s",
+        handlers=[RichHandler(console=errors, show_path=False)],
     )
     try:
         VERBS[verb](arguments, console)
     except ObjectGraphError as error:
-        console.print(f"[bold red]error:[/] {escape(str(error))}", highlight=False, soft_wrap=True)
+        errors.print(f"[bold red]error:[/] {escape(str(error))}", highlight=False, soft_wrap=True)
         return 1
+    except KeyboardInterrupt:
+        kept = "the same command goes on from here" if verb in _GOES_ON else "nothing is half-written"
+        errors.print(f"stopped; {kept}", highlight=False)
+        return 130
     return 0
 
 
@@ -200,9 +217,12 @@ def summary(verb: str) -> str:
 def _help() -> str:
     verbs = "\n".join(f"  {verb:<15} {summary(verb)}" for verb in VERBS)
     return (
-        "usage: objgraph [-h] [--version] VERB ...\n\n"
+        "usage: objgraph [-h] [--version] [-q | -v] VERB ...\n\n"
         "Object-level mapping with learnt shape priors, as a factor graph.\n\n"
-        f"verbs (objgraph VERB --help says more):\n{verbs}"
+        f"verbs (objgraph VERB --help says more):\n{verbs}\n\n"
+        "-q says errors alone, -v what is decided on the way. A shell completes words after\n"
+        "objgraph VERB --tyro-print-completion bash (or zsh, tcsh).\n"
+        "exit codes: 0, 1 after an error that is told, 2 for words that are none of the command's, 130 when stopped."
     )
 
 

@@ -7,7 +7,8 @@ import sys
 
 import pytest
 
-from objgraph.cli.main import main
+from objgraph.cli.main import VERBS, main
+from objgraph.errors import ObjectGraphError
 from objgraph.priors.fallback import fallback_prior
 from objgraph.priors.registry import WEIGHTS, available_priors
 from objgraph.priors.store import save_prior
@@ -37,10 +38,11 @@ def test_an_error_is_one_line(arguments, message, tmp_path, capsys):
     status = main(["map", *(a.replace("{}", folder) for a in arguments), "--out", str(out)])
     printed = capsys.readouterr()
     assert status == 1
-    assert printed.out.startswith("error: ")
-    assert message.replace("{}", folder) in printed.out
-    assert printed.out.count("\n") == 1
-    assert "Traceback" not in printed.out + printed.err
+    assert printed.out == ""
+    assert printed.err.startswith("error: ")
+    assert message.replace("{}", folder) in printed.err
+    assert printed.err.count("\n") == 1
+    assert "Traceback" not in printed.err
     assert not out.exists()
 
 
@@ -49,7 +51,7 @@ def test_an_unknown_scene_names_those_there_are(shared_data, tmp_path, capsys):
         ["map", "--dataset", "scannet", "--root", str(shared_data / "scannet"), "--scene", "scene9"]
         + ["--out", str(tmp_path / "out")]
     )
-    printed = capsys.readouterr().out
+    printed = capsys.readouterr().err
     assert status == 1
     assert "no scene 'scene9'; available: scene0470_00" in printed
     assert printed.count("\n") == 1
@@ -149,7 +151,7 @@ def test_priors_are_listed_for_people_and_for_programs(tmp_path, capsys):
 )
 def test_a_prior_that_is_none_is_one_line(arguments, tmp_path, capsys):
     assert main([argument.replace("{}", str(tmp_path)) for argument in arguments]) == 1
-    printed = capsys.readouterr().out
+    printed = capsys.readouterr().err
     assert printed.startswith("error: ")
     assert str(tmp_path) in printed
     assert printed.count("\n") == 1
@@ -159,5 +161,27 @@ def test_a_prior_that_is_none_is_one_line(arguments, tmp_path, capsys):
 def test_a_category_that_the_scan_has_not_is_named(shared_data, tmp_path, capsys):
     arguments = ["map", "--dataset", "scannet", "--root", str(shared_data / "scannet")]
     assert main([*arguments, "--categories", "zebra", "--out", str(tmp_path / "out")]) == 1
-    printed = capsys.readouterr().out
+    printed = capsys.readouterr().err
     assert "scene0470_00 has no object of zebra; its categories: chair, table, trash_bin" in printed
+
+
+def test_who_stops_it_is_told_what_is_kept(monkeypatch, capsys):
+    def stopped(arguments, console):
+        raise KeyboardInterrupt
+
+    for verb, kept in (("train", "the same command goes on from here"), ("map", "nothing is half-written")):
+        monkeypatch.setitem(VERBS, verb, stopped)
+        assert main([verb]) == 130
+        assert capsys.readouterr().err == f"stopped; {kept}\n"
+
+
+@pytest.mark.parametrize(("flag", "printed"), [("-q", ""), ("--quiet", ""), ("-v", "a table\n")])
+def test_quiet_leaves_errors_alone(flag, printed, monkeypatch, capsys):
+    def said(arguments, console):
+        console.print("a table")
+        raise ObjectGraphError("a fault")
+
+    monkeypatch.setitem(VERBS, "map", said)
+    assert main([flag, "map"]) == 1
+    found = capsys.readouterr()
+    assert (found.out, found.err) == (printed, "error: a fault\n")

@@ -346,4 +346,4 @@ def test_the_command_reads_a_folder(folder, tmp_path, capsys):
     own.write_text((folder / "poses.txt").read_text())
     arguments = ["map", "--dataset", "folder", "--root", str(folder), "--trajectory", str(own)]
     assert main([*arguments, "--categories", "zebra", "--out", str(out)]) == 1
-    assert "toy has no object of zebra; its categories: chair, table" in capsys.readouterr().out
+    assert "toy has no object of zebra; its categories: chair, table" in capsys.readouterr().err

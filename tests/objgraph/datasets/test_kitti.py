@@ -162,7 +162,7 @@ def test_the_command_line_says_what_is_wrong(root, tmp_path, capsys):
     ]:
         out = ["--out", str(tmp_path / "out")]
         assert main(["map", "--dataset", "kitti", *out, *arguments]) == 1
-        assert message in capsys.readouterr().out
+        assert message in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
 
 

@@ -156,4 +156,4 @@ def test_stride_must_be_positive(folder):
 def test_the_command_reads_a_sequence(folder, tmp_path, capsys):
     arguments = ["map", "--dataset", "tum", "--root", str(folder), "--categories", "zebra"]
     assert main([*arguments, "--out", str(tmp_path / "out")]) == 1
-    assert "toy has no object of zebra; its categories: chair, table" in capsys.readouterr().out
+    assert "toy has no object of zebra; its categories: chair, table" in capsys.readouterr().err

@@ -258,7 +258,7 @@ def test_what_cannot_be_evaluated_is_one_line_and_no_file(arguments, message, tm
     given = [argument.replace("{}", str(tmp_path)) for argument in arguments]
     out = tmp_path / "found.json"
     status = main(["evaluate-prior", "--category", "chair", "--json", str(out), *given])
-    printed = capsys.readouterr().out
+    printed = capsys.readouterr().err
     assert status == 1
     assert message.replace("{}", str(tmp_path)) in printed
     assert printed.count("\n") == 1
