@@ -1,7 +1,7 @@
 """What the command line does: `objgraph map` and its helpers."""
 
 import logging
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -13,10 +13,9 @@ from rich.console import Console
 from objgraph.bench.metrics.maps import MapErrors, evaluate_map
 from objgraph.bench.metrics.tables import evaluation_table
 from objgraph.cli.progress import progress
-from objgraph.cli.run_config import MapRun, Source, read_run
+from objgraph.cli.run_config import MapRun, Source, Topics, read_run
 from objgraph.datasets.ground_truth import AnnotatedScan, annotated
-from objgraph.datasets.kitti import frames, load_frame
-from objgraph.datasets.registry import load_scan, scenes
+from objgraph.datasets.registry import load_lidar_frame, load_scan, scenes
 from objgraph.errors import DatasetError, EvaluationError, MapError
 from objgraph.maps.files import EVALUATION
 from objgraph.maps.lidar import LidarMappingConfig, map_lidar
@@ -28,7 +27,6 @@ from objgraph.show.map_picture import map_picture
 from objgraph.show.report import REPORT, object_pictures, write_report
 from objgraph.show.street_picture import street_picture
 from objgraph.show.tables import map_table
-from objgraph.synthetic.street import ensure_street
 
 log = logging.getLogger(__name__)
 
@@ -52,15 +50,17 @@ class MapCommand:
     out: Path
     """Folder for the map, its meshes and its picture."""
     dataset: Annotated[str | None, _option("STR")] = None
-    """Data set: folder, sample, scannet, sevenscenes or tum; or kitti or street (the project's own), scans of a LiDAR."""
+    """Data set: folder, bag, bop, nerfstudio, sample, scannet, sevenscenes or tum; or kitti, lidar or street (the project's own), scans of a LiDAR."""
     root: Annotated[Path | None, _option("PATH")] = None
     """The data set's folder; the sample and the street need none."""
     scene: Annotated[str | None, _option("STR")] = None
-    """Name of the scan (of kitti the frame); may be left out where there is only one."""
+    """Name of the scan (of kitti or lidar the frame); may be left out where there is only one."""
     categories: Annotated[tuple[str, ...], _option("[STR [STR ...]]")] = ()
     """Map objects of these categories alone; by default all."""
     trajectory: Annotated[Path | None, _option("PATH")] = None
-    """Trajectory file in the TUM format in place of the data set's own; for folder and tum."""
+    """Trajectory file in the TUM format in place of the data set's own; for folder, tum and bag."""
+    topic: Topics = field(default_factory=Topics)
+    """Of a bag, in place of guesses."""
     scan2cad: Annotated[Path | None, _option("PATH")] = None
     """Folder of the Scan2CAD annotations; by default beside `root`. Read by the evaluation alone."""
     shapenet: Annotated[Path | None, _option("PATH")] = None
@@ -95,7 +95,7 @@ class MapCommand:
     """Radians by which an object that stands on the floor may lean; of a LiDAR's road more by default."""
 
 
-_SOURCE = ("dataset", "root", "scene", "categories", "trajectory", "scan2cad", "shapenet")
+_SOURCE = ("dataset", "root", "scene", "categories", "trajectory", "scan2cad", "shapenet", "topic")
 _SETTINGS: dict[str, tuple[str, ...]] = {
     "views": ("views",),
     "seed": ("seed",),
@@ -128,7 +128,9 @@ def run_map(command: MapCommand, console: Console) -> ObjectMap:
 
 def _run_of(command: MapCommand) -> MapRun:
     """What was typed over what the file says; an empty list is none typed."""
-    typed = {name: value for name, value in vars(command).items() if value not in (None, ())}
+    topics = {name: value for name, value in vars(command.topic).items() if value}
+    given = {**vars(command), "topic": topics}
+    typed = {name: value for name, value in given.items() if value not in (None, (), {})}
     options = {
         f"--{name.replace('_', '-')}": (paths, typed[name])
         for name, paths in _SETTINGS.items()
@@ -159,12 +161,12 @@ def load_frame_of(source: Source) -> LidarFrame:
     for name in ("trajectory", "scan2cad", "shapenet"):
         if getattr(source, name) is not None:
             raise DatasetError(f"data set '{source.dataset}' does not use --{name}")
-    root = source.root
-    if source.dataset == STREET:
-        root = ensure_street(SAMPLE_ROOT if root is None else root)
-    elif root is None:
+    if source.topic.options():
+        raise DatasetError(f"data set '{source.dataset}' does not use --topic")
+    root = SAMPLE_ROOT if source.root is None and source.dataset == STREET else source.root
+    if root is None:
         raise _no_root(source)
-    frame = load_frame(root, source.scene or (frames(root)[0] if source.dataset == STREET else None))
+    frame = load_lidar_frame(source.dataset, root, source.scene)
     if source.categories:
         kept = tuple(each for each in frame.detections if each.category in source.categories)
         frame = replace(frame, detections=kept)
@@ -182,7 +184,7 @@ def load_scan_of(source: Source) -> tuple[Scan, str | None]:
         root = SAMPLE_ROOT
     options = {name: getattr(source, name) for name in ("trajectory", "scan2cad", "shapenet")}
     given = {name: value for name, value in options.items() if value is not None}
-    scan = load_scan(source.dataset, root, source.scene, **given)
+    scan = load_scan(source.dataset, root, source.scene, **given, **source.topic.options())
     names = scenes(source.dataset, root) if source.scene is None else [source.scene]
     return scan, names[0] if len(names) == 1 else None
 

@@ -15,11 +15,32 @@ from objgraph.maps.pipeline import MappingConfig
 from objgraph.version import program_version
 
 CONFIG = "config.json"
-LIDAR_DATASETS = ("kitti", "street")
+LIDAR_DATASETS = ("kitti", "lidar", "street")
 _JSON = (str, int, float, dict, tuple, type(None))
 _PROGRAM, _SETTINGS = "objgraph", "settings"
 
 T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class Topics:
+    """Topics of a bag, and the frame that its poses are in; empty for a guess by type and name."""
+
+    depth: str = ""
+    """Depth images."""
+    color: str = ""
+    """Colour images; `none` for none."""
+    info: str = ""
+    """The camera, of colour where depth is registered to it."""
+    pose: str = ""
+    """tf, odometry, or poses of the camera."""
+    world: str = ""
+    """The world's frame."""
+
+    def options(self) -> dict[str, Any]:
+        """Those given, as the loader calls them."""
+        named = {f"{name}_topic": value for name, value in vars(self).items() if name != "world"}
+        return {name: value for name, value in {**named, "world_frame": self.world}.items() if value}
 
 
 @dataclass(frozen=True)
@@ -33,6 +54,7 @@ class Source:
     trajectory: Path | None = None
     scan2cad: Path | None = None
     shapenet: Path | None = None
+    topic: Topics = Topics()
 
 
 @dataclass(frozen=True)
@@ -54,8 +76,8 @@ def read_run(
 ) -> MapRun:
     """The run that a file describes, where there is one, with what was typed in place of what it says.
 
-    `source` are typed fields of `Source`; `settings` are typed settings by option: paths that one may have, the first
-    that the data set knows counts, and the value.
+    `source` are typed fields of `Source`, of its topics a mapping; `settings` are typed settings by option: paths that
+    one may have, the first that the data set knows counts, and the value.
 
     Raises:
         ConfigError: the file cannot be read, or holds what is no setting or no value of one.
@@ -76,8 +98,8 @@ def read_run(
             raise DatasetError(
                 f"data set '{dataset}' does not use {option}; its settings are {', '.join(merged)} (--config)"
             )
-    blank = {field.name: None for field in fields(Source)} | {"categories": ()}
-    place = _merged(blank, given, where) | dict(source)
+    blank = {field.name: None for field in fields(Source)} | {"categories": (), "topic": asdict(Topics())}
+    place = _merged(_merged(blank, given, where), source, where)
     return MapRun(_built(Source, place, where), _built(type(defaults), merged, f"{where}: {_SETTINGS}"))
 
 

@@ -2,19 +2,21 @@
 
 import json
 import os
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
 
 import cv2
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, UInt8
 from rich.console import Console
 from rich.progress import track
 
 from objgraph.atomic_folder import write_folder
-from objgraph.datasets.files import decode_color, pick_folder, read_bytes
+from objgraph.cli.run_config import Topics
+from objgraph.datasets.bag.load import Recording, pick_bag
+from objgraph.datasets.files import LazyFrames, decode_color, pick_folder, read_bytes
 from objgraph.datasets.folder import color_path, frames_with_masks
 from objgraph.datasets.folder_files import read_instances
 from objgraph.datasets.kitti import CATEGORIES, frames
@@ -30,34 +32,104 @@ class SegmentCommand:
     """Segment the colour images of a data set that has no masks yet."""
 
     root: Path
-    """The data set's folder; `masks` is written into it."""
+    """The data set's folder, or the bag; `masks` is written into the folder, or beside the bag."""
     weights: str = "facebook/mask2former-swin-small-coco-instance"
     """Folder of a Mask2Former checkpoint, or its name in the local cache."""
-    dataset: Literal["folder", "kitti"] = "folder"
+    dataset: Literal["folder", "bag", "kitti"] = "folder"
     up: tuple[float, float, float] | None = None
-    """Of a folder: the direction against gravity in the poses' world; by default what `instances.json` says."""
+    """Of folder and bag: the direction against gravity in the poses' world; by default what `instances.json` says, or z
+    where a bag's world is called map, odom or world."""
+    stride: int = 1
+    """Of folder and bag: segment every stride-th frame."""
+    trajectory: Path | None = None
+    """Of folder and bag: trajectory file in the TUM format in place of their own."""
+    topic: Topics = field(default_factory=Topics)
+    """Of a bag, in place of guesses."""
     device: str = "cpu"
 
 
+@dataclass(frozen=True)
+class _Unmasked:
+    """A scan without masks."""
+
+    folder: Path
+    """Where its masks are to lie."""
+    names: list[str]
+    """Of the frames to be segmented."""
+    color: Callable[[str], UInt8[np.ndarray, "h w 3"]]
+    frames: Callable[[Path], LazyFrames]
+    """Those with a pose, by the folder of their masks."""
+    up_world: Float[np.ndarray, "3"] | None = None
+    """Where it is known without being told."""
+
+
 def run_segment(command: SegmentCommand, console: Console) -> Path:
-    """Write `masks`, and of a folder `instances.json`; both appear whole or not at all.
+    """Write `masks`, and of a folder or bag `instances.json`; both appear whole or not at all.
 
     Raises:
         SegmentationError: transformers or the weights are missing, or nothing was found.
         DatasetError: images are missing or damaged, or there are masks already.
     """
-    masks = command.root / "masks"
+    if command.stride < 1:
+        raise DatasetError(f"--stride {command.stride}: must be 1 or more")
+    scan = (
+        None
+        if command.dataset == "kitti"
+        else _bag(command)
+        if command.dataset == "bag"
+        else _folder(command)
+    )
+    masks = (command.root if scan is None else scan.folder) / "masks"
     if masks.exists():
         raise DatasetError(f"{masks}: already there; remove it to segment the images again")
     segmenter = Segmenter.load(command.weights, device=command.device)
-    if command.dataset == "kitti":
+    if scan is None:
         write_folder(masks, lambda folder: _kitti(command.root, folder, segmenter))
     else:
-        root = pick_folder(command.root, "depth", None)
-        up = _up(command, root)
-        write_folder(masks, lambda folder: _folder(root, folder, segmenter, up))
+        up = _up(command, scan)
+        write_folder(masks, lambda folder: _scan(scan, folder, segmenter, up))
     console.print(f"written to {masks}")
     return masks
+
+
+def _folder(command: SegmentCommand) -> _Unmasked:
+    root = pick_folder(command.root, "depth", None)
+    stems = (path.stem for path in (root / "depth").glob("*.png"))
+    colors = {name: color_path(root, name) for name in sorted(stems, key=lambda name: (len(name), name))}
+    images = {name: path for name, path in colors.items() if path is not None}
+    if not images:
+        raise DatasetError(
+            f"{root / 'color'}: holds no NAME.jpg or .png of a depth image's NAME: nothing to segment"
+        )
+    return _Unmasked(
+        root,
+        list(images)[:: command.stride],
+        lambda name: decode_color(read_bytes(images[name]), images[name]),
+        lambda masks: frames_with_masks(root, masks, command.trajectory),
+    )
+
+
+def _bag(command: SegmentCommand) -> _Unmasked:
+    path = pick_bag(command.root, None)
+    bag = Recording.read(path, trajectory=command.trajectory, **command.topic.options())
+    names = [name for name in bag.colors if name in bag.poses][:: command.stride]
+    if not names:
+        raise DatasetError(
+            f"{path}: no depth image has a pose and a colour image near in time: nothing to segment"
+        )
+
+    def color(name: str) -> UInt8[np.ndarray, "h w 3"]:
+        image = bag.color(name)
+        assert image is not None  # of those that have one
+        return image
+
+    return _Unmasked(
+        path.parent,
+        names,
+        color,
+        lambda masks: bag.frames({name: masks / f"{name}.png" for name in names}),
+        bag.up_world,
+    )
 
 
 def _kitti(root: Path, out: Path, segmenter: Segmenter) -> None:
@@ -73,19 +145,21 @@ def _kitti(root: Path, out: Path, segmenter: Segmenter) -> None:
         _write(out / f"{name}.png", detection_masks(segmenter.segment(color), boxes, _size(color)))
 
 
-def _folder(root: Path, out: Path, segmenter: Segmenter, up: Float[np.ndarray, "3"]) -> None:
+def _scan(scan: _Unmasked, out: Path, segmenter: Segmenter, up: Float[np.ndarray, "3"]) -> None:
     """Masks of single images first, then one id for one object in all."""
     categories: dict[str, Mapping[int, str]] = {}
-    for name, color in track(list(_images(root)), "segmenting"):
-        image = decode_color(read_bytes(color), color)
+    for name in track(scan.names, "segmenting"):
+        image = scan.color(name)
         segments = segmenter.segment(image)
         categories[name] = {i: segment.category for i, segment in enumerate(segments, 1)}
         _write(out / f"{name}.png", instance_masks(segments, _size(image)))
-    scan = frames_with_masks(root, out)
-    linked = link(scan, [categories[name] for name in scan.names])
+    frames = scan.frames(out)
+    linked = link(frames, [categories[name] for name in frames.names])
     if not linked.categories:
-        raise SegmentationError(f"{root}: no chair, table or car was found in two of its {len(scan)} frames")
-    numbers = {name: i for i, name in enumerate(scan.names)}
+        raise SegmentationError(
+            f"{scan.folder}: no chair, table or car was found in two of its {len(frames)} frames"
+        )
+    numbers = {name: i for i, name in enumerate(frames.names)}
     for name in categories:
         path = out / f"{name}.png"
         if name in numbers:
@@ -94,31 +168,19 @@ def _folder(root: Path, out: Path, segmenter: Segmenter, up: Float[np.ndarray, "
         else:
             path.unlink()
     instances = {str(number): category for number, category in linked.categories.items()}
-    part = root / "instances.json.part"
+    part = scan.folder / "instances.json.part"
     part.write_text(json.dumps({"up_world": up.tolist(), "instances": instances}, indent=1) + "\n")
-    os.replace(part, root / "instances.json")
+    os.replace(part, scan.folder / "instances.json")
 
 
-def _images(root: Path) -> Iterator[tuple[str, Path]]:
-    """Frames with depth that have a colour image."""
-    found = False
-    for depth in sorted((root / "depth").glob("*.png"), key=lambda path: (len(path.stem), path.stem)):
-        color = color_path(root, depth.stem)
-        if color is not None:
-            found = True
-            yield depth.stem, color
-    if not found:
-        raise DatasetError(
-            f"{root / 'color'}: holds no NAME.jpg or .png of a depth image's NAME: nothing to segment"
-        )
-
-
-def _up(command: SegmentCommand, root: Path) -> Float[np.ndarray, "3"]:
+def _up(command: SegmentCommand, scan: _Unmasked) -> Float[np.ndarray, "3"]:
     if command.up is None:
-        path = root / "instances.json"
-        if not path.is_file():
-            raise DatasetError(f"{root}: say which way is up in the poses' world, as in --up 0 0 1")
-        return read_instances(path)[0]
+        path = scan.folder / "instances.json"
+        if path.is_file():
+            return read_instances(path, scan.up_world)[0]
+        if scan.up_world is None:
+            raise DatasetError(f"{scan.folder}: say which way is up in the poses' world, as in --up 0 0 1")
+        return scan.up_world
     up = np.array(command.up)
     if not np.isfinite(up).all() or not up.any():
         raise DatasetError(f"--up {' '.join(map(str, command.up))} is no direction")

@@ -68,10 +68,15 @@ def decode_color(
     data: bytes, origin: object, shape: tuple[int, int] | None = None
 ) -> UInt8[np.ndarray, "h w 3"]:
     """RGB, resized to `shape` (height, width) where that is given and the colour camera has another resolution."""
-    color = _decode(data, origin, cv2.IMREAD_COLOR)
-    if shape is not None and color.shape[:2] != shape:
-        color = cv2.resize(color, shape[::-1], interpolation=cv2.INTER_AREA)
-    return cv2.cvtColor(color, cv2.COLOR_BGR2RGB).astype(np.uint8)
+    color = cv2.cvtColor(_decode(data, origin, cv2.IMREAD_COLOR), cv2.COLOR_BGR2RGB).astype(np.uint8)
+    return color if shape is None else fitted(color, shape)
+
+
+def fitted(color: UInt8[np.ndarray, "a b 3"], shape: tuple[int, int]) -> UInt8[np.ndarray, "h w 3"]:
+    """A colour image as large as `shape` (height, width)."""
+    if color.shape[:2] == shape:
+        return color
+    return cv2.resize(color, shape[::-1], interpolation=cv2.INTER_AREA).astype(np.uint8)
 
 
 def decode_depth(data: bytes, origin: object, shift: float) -> Float[np.ndarray, "h w"]:
@@ -98,6 +103,11 @@ def decode_instances(data: bytes, origin: object, shape: tuple[int, int]) -> Int
         raise DatasetError(
             f"{origin}: a mask must be a one-channel integer image, not {ids.dtype} {ids.shape}"
         )
+    return fitted_ids(ids, origin, shape)
+
+
+def fitted_ids(ids: np.ndarray, origin: object, shape: tuple[int, int]) -> Int[np.ndarray, "h w"]:
+    """Instance ids as large as `shape`; see `decode_instances`."""
     if ids.shape != shape:
         if abs(ids.shape[1] / ids.shape[0] * shape[0] / shape[1] - 1) > 0.02:
             raise DatasetError(

@@ -66,14 +66,14 @@ def load(
     return build_scan(folder, files, camera, depth_scale, _MILLIMETRES)
 
 
-def frames_with_masks(folder: Path, masks: Path) -> LazyFrames:
+def frames_with_masks(folder: Path, masks: Path, trajectory: Path | None = None) -> LazyFrames:
     """The frames whose masks lie in another folder, NAME.png each, before there is an `instances.json`.
 
     Raises:
         DatasetError: see `load`.
     """
     found = {name: masks / f"{name}.png" for name in _stems(folder) if (masks / f"{name}.png").is_file()}
-    files, camera = _files(folder, list(found), found, None, MAX_DIFFERENCE)
+    files, camera = _files(folder, list(found), found, trajectory, MAX_DIFFERENCE)
     return lazy_frames(folder, files, camera, None, _MILLIMETRES)
 
 

@@ -7,18 +7,20 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from objgraph.datasets.files import (
     LazyFrames,
     decode_color,
     decode_depth,
     decode_instances,
+    fitted_ids,
     intrinsics_from,
     read_bytes,
     read_json,
     read_matrix,
 )
+from objgraph.datasets.mask_json import read_mask_json
 from objgraph.errors import DatasetError
 from objgraph.observation.frames import Frame, Instance, Scan
 
@@ -93,17 +95,21 @@ def units_a_metre(depth_scale: float, origin: object) -> float:
     return float(depth_scale)
 
 
-def read_instances(path: Path) -> tuple[Float[np.ndarray, "3"], tuple[Instance, ...]]:
+def read_instances(
+    path: Path, usual_up: Float[np.ndarray, "3"] | None = None
+) -> tuple[Float[np.ndarray, "3"], tuple[Instance, ...]]:
     """The unit vector against gravity and the objects of `instances.json`, by rising id.
 
-    Ids of the masks that the file does not name are not mapped. Raises `DatasetError`, with an example of the file,
+    `usual_up` counts where the file has no `up_world`. Ids of the masks that it does not name are not mapped. Raises `DatasetError`, with an example of the file,
     for what is missing or wrong.
     """
     content = read_json(path) if path.is_file() else None
     try:
         if content is None:
             raise ValueError("there is no such file")
-        up = np.array(content["up_world"], dtype=float)
+        up = np.array(
+            content["up_world"] if usual_up is None else content.get("up_world", usual_up), dtype=float
+        )
         if up.shape != (3,) or not np.isfinite(up).all() or not up.any():
             raise ValueError(
                 "up_world must be three numbers: the direction against gravity in the poses' world"
@@ -117,15 +123,22 @@ def read_instances(path: Path) -> tuple[Float[np.ndarray, "3"], tuple[Instance, 
 
 
 def mask_paths(folder: Path, candidates: Mapping[str, Sequence[str]]) -> dict[str, Path]:
-    """Each frame's file in `masks/`: the first that exists of those that it may be named after.
+    """Each frame's file in `masks/`, NAME.png or NAME.json: the first that exists of those that it may be named after.
 
     Frames without one are left out with a warning: segmenting some of the frames is enough. Raises `DatasetError`
     where there is no mask at all.
     """
     masks = folder / "masks"
-    found = {}
+    found: dict[str, Path] = {}
     for name, stems in candidates.items():
-        path = next((p for p in (masks / f"{stem}.png" for stem in stems) if p.is_file()), None)
+        path = next(
+            (
+                p
+                for p in (masks / f"{stem}{end}" for stem in stems for end in (".png", ".json"))
+                if p.is_file()
+            ),
+            None,
+        )
         if path is not None:
             found[name] = path
     if not found:
@@ -137,6 +150,13 @@ def mask_paths(folder: Path, candidates: Mapping[str, Sequence[str]]) -> dict[st
         lost = len(candidates) - len(found)
         log.warning("%s: %d of %d frames have no mask and are left out", folder, lost, len(candidates))
     return found
+
+
+def read_masks(path: Path, shape: tuple[int, int]) -> Int[np.ndarray, "h w"]:
+    """Instance ids of one of `mask_paths`, as large as `shape`; raises `DatasetError`."""
+    if path.suffix == ".json":
+        return fitted_ids(read_mask_json(path, shape), path, shape)
+    return decode_instances(read_bytes(path), path, shape)
 
 
 def build_scan(
@@ -177,7 +197,7 @@ def lazy_frames(
             depth=depth,
             intrinsics=intrinsics_from(camera.matrix, camera.origin, width, height, camera.size),
             T_world_camera=paths.T_world_camera,
-            instances=decode_instances(read_bytes(paths.masks), paths.masks, depth.shape),
+            instances=read_masks(paths.masks, depth.shape),
             color=None if color is None else decode_color(read_bytes(color), color, depth.shape),
         )
 

@@ -19,7 +19,7 @@ from objgraph.observation.lidar.frame import Detection, LidarFrame, Picture
 
 CATEGORIES = {"Car": "car"}
 """Of the benchmark's types those that there are priors for."""
-_VELODYNE_AXES = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
+VELODYNE_AXES = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 """Columns: right, down and ahead in the LiDAR's own axes (x ahead, y left, z up)."""
 
 
@@ -51,11 +51,11 @@ def load_frame(
     calibration = read_calibration(training / "calib" / f"{name}.txt")
     points = read_velodyne(training / "velodyne" / f"{name}.bin")
     T_world_lidar = calibration.T_rect_velodyne.copy()
-    T_world_lidar[:3, :3] = T_world_lidar[:3, :3] @ _VELODYNE_AXES
+    T_world_lidar[:3, :3] = T_world_lidar[:3, :3] @ VELODYNE_AXES
     boxes = read_boxes((detections or root / "detections") / f"{name}.txt")
     return LidarFrame(
         name,
-        points @ _VELODYNE_AXES,
+        points @ VELODYNE_AXES,
         T_world_lidar,
         np.array([0.0, -1.0, 0.0]),
         tuple(detection(box, i) for i, box in enumerate(boxes, 1) if box.type in CATEGORIES),

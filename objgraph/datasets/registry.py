@@ -6,7 +6,19 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Protocol
 
-from objgraph.datasets import folder, icl, kitti, sample, scannet, sevenscenes, tum
+from objgraph.datasets import (
+    bag,
+    bop,
+    folder,
+    icl,
+    kitti,
+    lidar,
+    nerfstudio,
+    sample,
+    scannet,
+    sevenscenes,
+    tum,
+)
 from objgraph.datasets.ground_truth import AnnotatedScan, TrueBox, annotated
 from objgraph.errors import DatasetError
 from objgraph.observation.frames import Scan
@@ -36,8 +48,11 @@ class Loader:
 
 
 _LOADERS: dict[str, Loader] = {
+    "bag": Loader(bag.load, bag.scenes),
+    "bop": Loader(bop.load, bop.scenes),
     "folder": Loader(folder.load, folder.scenes),
     "icl": Loader(icl.load, icl.scenes, icl.boxes),
+    "nerfstudio": Loader(nerfstudio.load, nerfstudio.scenes),
     "sample": Loader(sample.load, sample.scenes),
     "scannet": Loader(scannet.load, scannet.scenes),
     "sevenscenes": Loader(sevenscenes.load, sevenscenes.scenes, sevenscenes.boxes),
@@ -90,7 +105,7 @@ def load_annotated(dataset: str, root: Path, scene: str, **options: Any) -> Anno
 
 
 def load_lidar_frame(dataset: str, root: Path, frame: str | None = None) -> LidarFrame:
-    """One scan of a LiDAR: of "kitti", or of "street", the project's own, which is generated under `root`.
+    """One scan of a LiDAR: of "kitti", "lidar", or "street", the project's own, which is generated under `root`.
 
     Raises:
         DatasetError: there is no such data set or frame, or a file is missing or damaged.
@@ -102,7 +117,9 @@ def load_lidar_frame(dataset: str, root: Path, frame: str | None = None) -> Lida
         return kitti.load_frame(root, frame or kitti.frames(root)[0])
     if dataset == "kitti":
         return kitti.load_frame(Path(root), frame)
-    raise DatasetError(f"no data set '{dataset}' of LiDAR scans; available: kitti, street")
+    if dataset == "lidar":
+        return lidar.load_frame(Path(root), frame)
+    raise DatasetError(f"no data set '{dataset}' of LiDAR scans; available: kitti, lidar, street")
 
 
 def _loader(dataset: str) -> Loader:

@@ -19,6 +19,7 @@ MAX_DIFFERENCE = 0.02
 """Seconds by which two timestamps of one moment may differ; that of the TUM benchmark's own tools."""
 
 _TOLERANCE = 1e-2
+_SAME_MOMENT = 1e-4
 _FORM = "timestamp tx ty tz qx qy qz qw"
 
 
@@ -153,6 +154,34 @@ def associate(
             taken[1].add(k)
             kept.append((i, k))
     return np.array(sorted(kept), dtype=int).reshape(-1, 2)
+
+
+def interpolate(
+    trajectory: Trajectory, times: Float[np.ndarray, "n"], max_difference: float
+) -> Float[np.ndarray, "n 4 4"]:
+    """T_world_camera at other moments: between the poses before and after, linear in position, slerp in rotation.
+
+    Both must be at most `max_difference` seconds away, or one at the same moment (0.1 ms, to which text is rounded);
+    elsewhere the pose is NaN.
+    """
+    stamps, poses = trajectory.timestamps, trajectory.T_world_camera
+    last = len(stamps) - 1
+    after = np.clip(np.searchsorted(stamps, times), 0, last)
+    before = np.maximum(np.where(stamps[after] <= times, after, after - 1), 0)
+    nearest = np.where(np.abs(stamps[after] - times) < np.abs(stamps[before] - times), after, before)
+    same = np.abs(stamps[nearest] - times) <= _SAME_MOMENT
+    before, after = np.where(same, nearest, before), np.where(same, nearest, after)
+    gap = stamps[after] - stamps[before]
+    share = np.where(gap > 0, times - stamps[before], 0) / np.where(gap > 0, gap, 1)
+    first = Rotation.from_matrix(poses[before, :3, :3])
+    turn = first.inv() * Rotation.from_matrix(poses[after, :3, :3])
+    found = np.tile(np.eye(4), (len(times), 1, 1))
+    found[:, :3, :3] = (first * Rotation.from_rotvec(share[:, None] * turn.as_rotvec())).as_matrix()
+    found[:, :3, 3] = poses[before, :3, 3] + share[:, None] * (poses[after, :3, 3] - poses[before, :3, 3])
+    around = (stamps[before] <= times) & (times <= stamps[after])
+    near = np.maximum(np.abs(times - stamps[before]), np.abs(stamps[after] - times)) <= max_difference
+    found[~(same | (around & near))] = np.nan
+    return found
 
 
 def absolute_trajectory_error(

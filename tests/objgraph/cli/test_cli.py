@@ -20,7 +20,7 @@ from objgraph.priors.store import save_prior
         (["--dataset", "nope"], "data set 'nope': --root must name its folder"),
         (
             ["--dataset", "nope", "--root", "."],
-            "no data set 'nope'; available: folder, icl, sample, scannet, sevenscenes",
+            "no data set 'nope'; available: bag, bop, folder, icl, nerfstudio, sample, scannet, sevenscenes",
         ),
         ([], "no data set: --dataset must name one"),
         (["--config", "{}/absent.json"], "{}/absent.json: not a readable JSON file"),
@@ -104,9 +104,12 @@ def test_a_verb_that_there_is_not_is_one_line_that_names_those_there_are(argumen
 def test_the_help_of_map_has_what_a_user_turns(capsys):
     with pytest.raises(SystemExit):
         main(["map", "--help"])
-    options = re.findall(r"^│ +(--[a-z0-9-]+)", capsys.readouterr().out, flags=re.MULTILINE)
-    assert len(set(options)) <= 20
-    assert not any("." in option for option in options)
+    options = re.findall(r"^[│ ]+(--[a-z0-9.-]+)", capsys.readouterr().out, flags=re.MULTILINE)
+    plain = {option for option in options if "." not in option}
+    assert 10 < len(plain) <= 20
+    assert {option for option in options if option not in plain} == {
+        f"--topic.{name}" for name in ("depth", "color", "info", "pose", "world")
+    }
 
 
 @pytest.mark.parametrize("arguments", [[], ["fly"], ["map"], ["map", "--dataset", "sample", "--speed", "9"]])

@@ -206,6 +206,52 @@ def write_tum_sequence(folder: Path, scan: Scan, color_delay: float = 0.007, mas
     return folder
 
 
+def write_nerfstudio(folder: Path, scan: Scan) -> Path:
+    """A scan in nerfstudio's layout; gives the folder."""
+    entries = []
+    for k, frame in enumerate(frames_of(scan)):
+        color, depth = f"images/frame_{k:05d}.png", f"depths/depth_{k:05d}.png"
+        write_bytes(folder / color, color_png(frame))
+        write_bytes(folder / depth, depth_png(frame, 1000))
+        write_bytes(folder / "masks" / f"frame_{k:05d}.png", png(frame.instances.astype(np.uint8)))
+        T_world_opengl = frame.T_world_camera @ np.diag([1, -1, -1, 1])
+        paths = {"file_path": color, "depth_file_path": depth}
+        entries.append(paths | {"transform_matrix": T_world_opengl.tolist()})
+        camera = frame.intrinsics
+    content = {"camera_model": "OPENCV", "fl_x": camera.fx, "fl_y": camera.fy, "k1": 0.0}
+    content |= {"cx": camera.cx + 0.5, "cy": camera.cy + 0.5, "w": camera.width, "h": camera.height}
+    write_bytes(folder / "transforms.json", json.dumps(content | {"frames": entries}).encode())
+    write_instances(folder, scan)
+    return folder
+
+
+def write_bop(folder: Path, scan: Scan, objects: dict[int, int] | None = None) -> Path:
+    """A scan as a BOP scene; `objects` gives an object id to each instance, by default its own; gives the folder."""
+    objects = objects or {instance.id: instance.id for instance in scan.instances}
+    cameras, truth = {}, {}
+    for k, frame in enumerate(frames_of(scan)):
+        write_bytes(folder / "rgb" / f"{k:06d}.png", color_png(frame))
+        write_bytes(folder / "depth" / f"{k:06d}.png", depth_png(frame, 10_000))
+        order = [i for i in (objects if k % 2 else reversed(objects)) if (frame.instances == i).any()]
+        for m, i in enumerate(order):
+            mask = 255 * (frame.instances == i).astype(np.uint8)
+            write_bytes(folder / "mask_visib" / f"{k:06d}_{m:06d}.png", png(mask))
+        T, c = np.linalg.inv(frame.T_world_camera), frame.intrinsics
+        cameras[str(k)] = {
+            "cam_K": [c.fx, 0, c.cx, 0, c.fy, c.cy, 0, 0, 1],
+            "cam_R_w2c": T[:3, :3].ravel().tolist(),
+            "cam_t_w2c": (1000 * T[:3, 3]).tolist(),
+            "depth_scale": 0.1,
+        }
+        truth[str(k)] = [{"obj_id": objects[i]} for i in order]
+    write_bytes(folder / "scene_camera.json", json.dumps(cameras).encode())
+    write_bytes(folder / "scene_gt.json", json.dumps(truth).encode())
+    categories = {str(objects[each.id]): each.category for each in scan.instances}
+    content = {"up_world": scan.up_world.tolist(), "instances": categories}
+    write_bytes(folder / "instances.json", json.dumps(content).encode())
+    return folder
+
+
 def dense_trajectory(times: list[float], poses: list[np.ndarray]) -> Trajectory:
     """Each pose a millisecond after its time, and one that is nobody's 11 ms after it."""
     stamps = np.concatenate([np.array(times) + 0.001, np.array(times) + 0.011])

@@ -8,7 +8,9 @@ from tests.objgraph.datasets.dataset_folders import SCENE, write_exported_scan
 
 
 def test_unknown_dataset_lists_those_available(tmp_path):
-    with pytest.raises(DatasetError, match=r"no data set 'replica'.*icl, sample, scannet, sevenscenes"):
+    with pytest.raises(
+        DatasetError, match=r"no data set 'replica'.*icl, nerfstudio, sample, scannet, sevenscenes"
+    ):
         load_scan("replica", tmp_path)
     with pytest.raises(DatasetError, match="no data set 'replica'"):
         scenes("replica", tmp_path)

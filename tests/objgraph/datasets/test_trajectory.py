@@ -11,6 +11,7 @@ from objgraph.datasets.trajectory import (
     Trajectory,
     absolute_trajectory_error,
     associate,
+    interpolate,
     read_labelled_poses,
     read_tum,
     write_tum,
@@ -225,3 +226,34 @@ def test_what_cannot_be_compared_says_why():
         absolute_trajectory_error(two, truth, "rigid")
     with pytest.raises(EvaluationError, match="no alignment 'scale'"):
         absolute_trajectory_error(truth, truth, "scale")  # pyright: ignore[reportArgumentType]
+
+
+@given(st.integers(0, 2**32 - 1), st.lists(st.floats(-0.5, 3.5), max_size=8))
+def test_a_pose_between_two_divides_their_way_and_turn_as_their_time(seed, times):
+    trajectory = random_trajectory(31, seed)
+    times = np.array([*times, *trajectory.timestamps, 0.05])
+    found = interpolate(trajectory, times, 0.1)
+    inside = (times >= -1e-4) & (times <= 3.0 + 1e-4)
+    np.testing.assert_array_equal(np.isfinite(found).all(axis=(1, 2)), inside)
+    np.testing.assert_allclose(found[-32:-1], trajectory.T_world_camera, atol=1e-9)
+    before = np.clip(np.searchsorted(trajectory.timestamps, times) - 1, 0, 29)
+    for T, time, k in zip(found[inside], times[inside], before[inside], strict=True):
+        first, second = trajectory.T_world_camera[k], trajectory.T_world_camera[k + 1]
+        share = (time - trajectory.timestamps[k]) / 0.1
+        if min(share, 1 - share) > 0.002:  # nearer ones are taken as they are
+            np.testing.assert_allclose(
+                T[:3, 3], (1 - share) * first[:3, 3] + share * second[:3, 3], atol=1e-9
+            )
+            whole = Rotation.from_matrix(first[:3, :3].T @ second[:3, :3]).magnitude()
+            part = Rotation.from_matrix(first[:3, :3].T @ T[:3, :3]).magnitude()
+            assert part == pytest.approx(share * whole, abs=1e-6)
+
+
+def test_poses_far_in_time_are_none_and_text_is_rounded():
+    trajectory = Trajectory(np.array([1.0, 2.0]), np.array([rigid(), rigid(translation=(1, 0, 0))]))
+    assert np.isnan(interpolate(trajectory, np.array([1.5]), 0.4)).all()
+    np.testing.assert_allclose(interpolate(trajectory, np.array([1.5]), 0.6)[0, 0, 3], 0.5)
+    np.testing.assert_array_equal(
+        interpolate(trajectory, np.array([2.00005]), 0)[0], rigid(translation=(1, 0, 0))
+    )
+    assert np.isnan(interpolate(trajectory, np.array([2.001, 0.999]), 9)).all()
