@@ -111,6 +111,17 @@ def _evaluate_prior(arguments: list[str], console: "Console") -> None:
     run_evaluate_prior(_parsed(EvaluatePriorCommand, "evaluate-prior", arguments), console)
 
 
+def _doctor(arguments: list[str], console: "Console") -> int:
+    """Say what is installed and, with --root, what was understood of the data and what is wrong with them.
+
+    $ objgraph doctor
+    $ objgraph doctor --dataset folder --root MYSCAN --out out/doctor
+    """
+    from objgraph.cli.doctor import DoctorCommand, run_doctor
+
+    return run_doctor(_parsed(DoctorCommand, "doctor", arguments), console)
+
+
 def _segment(arguments: list[str], console: "Console") -> None:
     """Segment the colour images of a data set that has no masks yet, with Mask2Former.
 
@@ -121,7 +132,7 @@ def _segment(arguments: list[str], console: "Console") -> None:
     run_segment(_parsed(SegmentCommand, "segment", arguments), console)
 
 
-VERBS: dict[str, Callable[[list[str], "Console"], None]] = {
+VERBS: dict[str, Callable[[list[str], "Console"], int | None]] = {
     "map": _map,
     "report": _report,
     "next-view": _next_view,
@@ -132,7 +143,9 @@ VERBS: dict[str, Callable[[list[str], "Console"], None]] = {
     "priors": _priors,
     "evaluate-prior": _evaluate_prior,
     "segment": _segment,
+    "doctor": _doctor,
 }
+"""Each gives the exit status; None is success."""
 
 
 _GOES_ON = ("evaluate", "train", "train-guess", "segment")
@@ -185,7 +198,7 @@ def _run(verb: str, arguments: list[str], loudness: int) -> int:
         handlers=[RichHandler(console=errors, show_path=False)],
     )
     try:
-        VERBS[verb](arguments, console)
+        return VERBS[verb](arguments, console) or 0
     except ObjectGraphError as error:
         errors.print(f"[bold red]error:[/] {escape(str(error))}", highlight=False, soft_wrap=True)
         return 1
@@ -193,7 +206,6 @@ def _run(verb: str, arguments: list[str], loudness: int) -> int:
         kept = "the same command goes on from here" if verb in _GOES_ON else "nothing is half-written"
         errors.print(f"stopped; {kept}", highlight=False)
         return 130
-    return 0
 
 
 def _parsed(kind: type[Command], verb: str, arguments: list[str]) -> Command:

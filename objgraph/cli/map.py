@@ -13,7 +13,7 @@ from rich.console import Console
 from objgraph.bench.metrics.maps import MapErrors, evaluate_map
 from objgraph.bench.metrics.tables import evaluation_table
 from objgraph.cli.progress import progress
-from objgraph.cli.run_config import MapRun, Source, Topics, read_run
+from objgraph.cli.run_config import SAMPLE_ROOT, MapRun, Source, Topics, read_run
 from objgraph.datasets.ground_truth import AnnotatedScan, annotated
 from objgraph.datasets.registry import load_lidar_frame, load_scan, scenes
 from objgraph.errors import DatasetError, EvaluationError, MapError
@@ -31,8 +31,6 @@ from objgraph.show.tables import map_table
 log = logging.getLogger(__name__)
 
 STREET = "street"
-SAMPLE_ROOT = Path("out/sample")
-"""Where the sample scan is generated unless `--root` says otherwise."""
 _DEFAULTS = MappingConfig()
 
 

@@ -16,6 +16,8 @@ from objgraph.version import program_version
 
 CONFIG = "config.json"
 LIDAR_DATASETS = ("kitti", "lidar", "street")
+SAMPLE_ROOT = Path("out/sample")
+"""Where the sample scan is generated unless `--root` says otherwise."""
 _JSON = (str, int, float, dict, tuple, type(None))
 _PROGRAM, _SETTINGS = "objgraph", "settings"
 

@@ -83,7 +83,10 @@ def decode_depth(data: bytes, origin: object, shift: float) -> Float[np.ndarray,
     """Metres from a 16-bit image; see `metric_depth`."""
     raw = _decode(data, origin, cv2.IMREAD_UNCHANGED)
     if raw.dtype != np.uint16 or raw.ndim != 2:
-        raise DatasetError(f"{origin}: depth must be a 16-bit one-channel image, not {raw.dtype} {raw.shape}")
+        raise DatasetError(
+            f"{origin}: depth must be a 16-bit one-channel image, not {raw.dtype} {raw.shape}; "
+            "write round(1000 * metres) as uint16"
+        )
     return metric_depth(raw, shift)
 
 

@@ -4,6 +4,7 @@ import inspect
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
+from types import ModuleType
 from typing import Any, Protocol
 
 from objgraph.datasets import (
@@ -60,6 +61,10 @@ _LOADERS: dict[str, Loader] = {
 }
 
 
+_LIDAR = {"kitti": kitti, "lidar": lidar, "street": kitti}
+"""Modules with `frames` and `load_frame`."""
+
+
 def datasets() -> list[str]:
     """Names that `load_scan` knows."""
     return sorted(_LOADERS)
@@ -111,15 +116,25 @@ def load_lidar_frame(dataset: str, root: Path, frame: str | None = None) -> Lida
         DatasetError: there is no such data set or frame, or a file is missing or damaged.
     """
     if dataset == "street":
-        from objgraph.synthetic.street import ensure_street  # renders, with open3d: slow to import
+        root, frame = _street(root), frame or kitti.frames(_street(root))[0]
+    return _lidar(dataset).load_frame(Path(root), frame)
 
-        root = ensure_street(Path(root))
-        return kitti.load_frame(root, frame or kitti.frames(root)[0])
-    if dataset == "kitti":
-        return kitti.load_frame(Path(root), frame)
-    if dataset == "lidar":
-        return lidar.load_frame(Path(root), frame)
-    raise DatasetError(f"no data set '{dataset}' of LiDAR scans; available: kitti, lidar, street")
+
+def lidar_frames(dataset: str, root: Path) -> list[str]:
+    """Names of the scans of a LiDAR; raises as `load_lidar_frame`."""
+    return _lidar(dataset).frames(_street(root) if dataset == "street" else Path(root))
+
+
+def _lidar(dataset: str) -> ModuleType:
+    if dataset not in _LIDAR:
+        raise DatasetError(f"no data set '{dataset}' of LiDAR scans; available: {', '.join(_LIDAR)}")
+    return _LIDAR[dataset]
+
+
+def _street(root: Path) -> Path:
+    from objgraph.synthetic.street import ensure_street  # renders, with open3d: slow to import
+
+    return ensure_street(Path(root))
 
 
 def _loader(dataset: str) -> Loader:

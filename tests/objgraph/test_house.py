@@ -40,7 +40,7 @@ CORE = (
     "priors",
     "slam",
 )
-AROUND = ("bench", "cli", "datasets", "families", "segment", "show", "synthetic", "training")
+AROUND = ("bench", "cli", "datasets", "doctor", "families", "segment", "show", "synthetic", "training")
 """Folders that use the core and that it must not use."""
 
 

@@ -46,7 +46,7 @@ def object_pictures(entries: Sequence[MappedObject], frames: FrameSource) -> dic
 def _picture(
     frame: Frame, T_world_camera: Float[np.ndarray, "4 4"], instance: int, surface: raster.Surface
 ) -> ObjectPicture:
-    image = _image(frame)
+    image = image_of(frame)
     camera = raster.Camera(_of(frame.intrinsics, image.shape), T_world_camera)
     estimate = np.isfinite(raster.draw_surfaces(camera, [surface]).depth)
     height, width = image.shape[:2]
@@ -64,7 +64,7 @@ def _picture(
     return ObjectPicture(frame.name, image)
 
 
-def _image(frame: Frame) -> UInt8[np.ndarray, "h w 3"]:
+def image_of(frame: Frame) -> UInt8[np.ndarray, "h w 3"]:
     """Its colours; of a frame without any, its depth in greys."""
     if frame.color is not None:
         return frame.color.copy()
