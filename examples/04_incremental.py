@@ -31,6 +31,8 @@ class Arguments:
     """Of the room's six, how many to use."""
     seed: int = 0
     """Of the odometry's noise."""
+    rerun: Path | None = None
+    """A recording of it for the viewer, FILE.rrd: needs pip install 'objgraph[view]'."""
 
 
 def detections(frame: objgraph.Frame, instances, rng: np.random.Generator) -> list[objgraph.Instance]:
@@ -67,14 +69,22 @@ def main(arguments: Arguments) -> None:
     odometry = objgraph.slam.dead_reckoning(truth[0], motions)
 
     objects, seconds = objgraph.IncrementalObjectGraph(scan.up_world, floor=0.0), []
+    recording = None
+    if arguments.rerun is not None:
+        recording = objgraph.show.rerun_view.new_recording("incremental")
     for k, (frame, pose) in enumerate(zip(frames, odometry, strict=True)):
         start = time.perf_counter()
         frame = replace(frame, T_world_camera=pose.matrix())  # the true pose is forgotten
         report = objects.update(frame, detections(frame, instances, rng))
         seconds.append(time.perf_counter() - start)
+        if recording is not None:
+            objgraph.show.rerun_view.log_incremental(objects, frame, recording)
         print(f"frame {k}: {seconds[-1]:.1f} s, sees {', '.join(report.seen) or 'nothing known'}", flush=True)
         for reason in report.reasons:
             print("   ", reason)
+
+    if recording is not None and arguments.rerun is not None:
+        objgraph.show.rerun_view.save_recording(recording, arguments.rerun)
 
     paths = {
         "truth": trajectory(truth),

@@ -51,6 +51,10 @@ class MapError(ObjectGraphError, ValueError):
     """A saved map cannot be read or written."""
 
 
+class ViewError(ObjectGraphError, ValueError):
+    """The viewer's package is missing, it cannot be started, or a recording cannot be made or written."""
+
+
 __all__ = [
     "ActiveVisionError",
     "ConfigError",
@@ -66,4 +70,5 @@ __all__ = [
     "PriorError",
     "SegmentationError",
     "SolveError",
+    "ViewError",
 ]

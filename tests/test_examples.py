@@ -69,6 +69,7 @@ def objects_hold_the_cameras(out: Path) -> None:
 def a_map_grows(out: Path) -> None:
     assert json.loads((out / "metrics.json").read_text())["objects"] == 1  # no double of it
     hold_the_cameras(out, "", 7)
+    assert (out.parent / "grown.rrd").stat().st_size > 100_000
     assert (out / "map.png").stat().st_size > 10_000
 
 
@@ -107,7 +108,10 @@ EXAMPLES: dict[str, tuple[list[str], Callable[[Path], None]]] = {
     "01_map_a_scan": (["--views", "2"], maps_every_object),
     "scannet_graph": (["--views", "2"], maps_every_object),
     "03_objects_in_your_graph": (["--frames", "12", "--objects", "1"], objects_hold_the_cameras),
-    "04_incremental": (["--frames", "7", "--laps", "0.7", "--objects", "1"], a_map_grows),
+    "04_incremental": (
+        ["--frames", "7", "--laps", "0.7", "--objects", "1", "--rerun", "grown.rrd"],
+        a_map_grows,
+    ),
     "05_covariances": ([], more_views_tell_more),
     "06_next_view": (["--count", "40"], the_next_view_is_chosen),
     "07_cars": ([], cars_are_mapped),

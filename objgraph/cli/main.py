@@ -33,6 +33,17 @@ def _report(arguments: list[str], console: "Console") -> None:
     run_report(_parsed(ReportCommand, "report", arguments), console)
 
 
+def _view(arguments: list[str], console: "Console") -> None:
+    """Show a saved map in the viewer rerun, with its scan's frames; without a screen, write a file for it.
+
+    $ objgraph view out/demo
+    $ objgraph view out/demo --save demo.rrd
+    """
+    from objgraph.cli.view import ViewCommand, run_view
+
+    run_view(_parsed(ViewCommand, "view", arguments), console)
+
+
 def _next_view(arguments: list[str], console: "Console") -> None:
     """Say from where to look next at a saved map's objects, and what that is expected to tell.
 
@@ -135,6 +146,7 @@ def _segment(arguments: list[str], console: "Console") -> None:
 VERBS: dict[str, Callable[[list[str], "Console"], int | None]] = {
     "map": _map,
     "report": _report,
+    "view": _view,
     "next-view": _next_view,
     "evaluate": _evaluate,
     "train": _train,

@@ -229,14 +229,14 @@ def _show(object_map: ObjectMap, errors: MapErrors | None, scan: Scan, out: Path
     table = None if errors is None else evaluation_table(object_map, errors)
     if table is not None:
         console.print(table)
-    points, colors = _points_of(scan)
+    points, colors = points_of(scan)
     if object_map.mapped:
         map_picture(object_map, points, colors, out / "map.png")
     write_report(out, points, colors, object_pictures(object_map.mapped, scan.frames))
     console.print(_written(out))
 
 
-def _points_of(scan: Scan) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 3"] | None]:
+def points_of(scan: Scan) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 3"] | None]:
     """What a picture of the scan is drawn from: world points of some frames, and their colours."""
     frames = np.unique(np.linspace(0, len(scan.frames) - 1, min(24, len(scan.frames))).astype(int))
     return scene_points(scan, frames, pixels=20000)
@@ -244,5 +244,5 @@ def _points_of(scan: Scan) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, 
 
 def report_scan(object_map: ObjectMap, scan: Scan, out: Path) -> None:
     """The page of a saved map, over its scan."""
-    points, colors = _points_of(scan)
+    points, colors = points_of(scan)
     write_report(out, points, colors, object_pictures(object_map.mapped, scan.frames))

@@ -12,7 +12,7 @@ from objgraph.estimate.heading_modes import HeadingModesConfig, heading_modes
 from objgraph.estimate.task import Estimate, EstimationTask, unusable
 from objgraph.graph.builder import GraphConfig, ObjectBuilder
 from objgraph.graph.single_object import SingleObject
-from objgraph.graph.solve import SolverConfig, solve
+from objgraph.graph.solve import Problem, SolverConfig, solve
 
 
 @dataclass(frozen=True)
@@ -29,6 +29,8 @@ class GraphEstimator:
     """None takes the heading that was found as the only one."""
     gravity: bool = True
     """Whether it is told where up and the floor are; without, no object need be upright or stand."""
+    watch: Callable[[Problem], None] | None = None
+    """Called after each accepted step with the object's problem; each start is one."""
 
     def estimate(
         self, tasks: Sequence[EstimationTask], progress: Callable[[int, int], None] | None = None
@@ -58,9 +60,10 @@ class GraphEstimator:
         return [attempt.estimate(last) for attempt in attempts]
 
     def _single(self, task: EstimationTask, start: ObjectState) -> SingleObject:
-        return ObjectBuilder(self.graph, task.up_world, task.floor).alone(
-            task.prior, start, task.views, task.box
-        )
+        builder = ObjectBuilder(self.graph, task.up_world, task.floor)
+        single = builder.alone(task.prior, start, task.views, task.box)
+        single.watch = self.watch
+        return single
 
     def _turn(self, attempts: Sequence["_Attempts"], config: HeadingModesConfig) -> None:
         """Solve to the end what costs less turned, take it where it still does by enough, and say how likely other headings are."""

@@ -68,6 +68,8 @@ class Problem:
     """What the last accepted step left; the next minimisation does not begin below."""
     failure: str | None = None
     """Why it was given up; the values are then the last good ones."""
+    watch: Callable[["Problem"], None] | None = None
+    """Called with it after each accepted step."""
 
     def refresh(self, slope: float) -> None:
         for factor in self.factors:
@@ -237,6 +239,8 @@ def _judge(step: _Step, config: LevenbergMarquardtConfig) -> None:
         step.damping = max(step.damping * max(1 / 3, 1 - (2 * gain - 1) ** 3), 1e-9)
         problem.damping = step.damping
         step.growth = 2.0
+        if problem.watch is not None:
+            problem.watch(problem)
         return
     step.damping *= step.growth
     step.growth *= 2.0

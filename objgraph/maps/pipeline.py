@@ -20,7 +20,7 @@ from objgraph.estimate.task import Estimate, EstimationTask, Estimator
 from objgraph.geometry.frames import transformed
 from objgraph.graph.builder import GraphConfig, ObjectBuilder
 from objgraph.graph.initialise import InitialisationConfig, first_states
-from objgraph.graph.solve import SolverConfig
+from objgraph.graph.solve import Problem, SolverConfig
 from objgraph.maps.entry import map_entry
 from objgraph.maps.mapped_object import MappedObject
 from objgraph.maps.object_map import ObjectMap
@@ -80,10 +80,16 @@ class _Clock:
             self.seconds[name] = self.seconds.get(name, 0.0) + time.perf_counter() - start
 
 
-def map_scan(scan: Scan, config: MappingConfig | None = None, progress: Progress | None = None) -> ObjectMap:
+def map_scan(
+    scan: Scan,
+    config: MappingConfig | None = None,
+    progress: Progress | None = None,
+    watch: Callable[[Problem], None] | None = None,
+) -> ObjectMap:
     """Map every object that the scan's masks name; an object that fails says why and stops no other.
 
-    The ground truth of the scan, if it has any, is not read.
+    The ground truth of the scan, if it has any, is not read. `watch` is called after each accepted step of the graph's
+    solver, with the problem of the object as it then is.
 
     Raises:
         PriorError: one of the files of `config.priors` is no prior.
@@ -97,7 +103,7 @@ def map_scan(scan: Scan, config: MappingConfig | None = None, progress: Progress
     entries = []
     for i, instance in enumerate(scan.instances):
         tell(f"mapping {instance.category} {instance.id}", i, len(scan.instances))
-        entries.append(map_instance(scan, instance, index, floor, config, find_prior))
+        entries.append(map_instance(scan, instance, index, floor, config, find_prior, watch))
         tell(f"{entries[-1].status} {instance.category} {instance.id}", i + 1, len(scan.instances))
     tell("mapped", len(scan.instances), len(scan.instances))
     return ObjectMap(scan.name, tuple(entries), scan.up_world)
@@ -110,6 +116,7 @@ def map_instance(
     floor: float | None,
     config: MappingConfig,
     find_prior: Callable[[str], ShapePrior] = prior_for,
+    watch: Callable[[Problem], None] | None = None,
 ) -> MappedObject:
     """Map one object of a scan; a failure is in the result, not raised.
 
@@ -120,7 +127,7 @@ def map_instance(
         prior = find_prior(instance.category)
         with clock.stage("observe"):
             views = observe_instance(scan.frames, instance, index, config)
-        return map_object(instance, prior, views, scan.up_world, floor, config, clock)
+        return map_object(instance, prior, views, scan.up_world, floor, config, clock, watch)
     except ObjectGraphError as error:
         log.warning("%s %d could not be mapped: %s", instance.category, instance.id, error)
         return MappedObject(
@@ -136,6 +143,7 @@ def map_object(
     floor: float | None,
     config: MappingConfig,
     clock: _Clock | None = None,
+    watch: Callable[[Problem], None] | None = None,
 ) -> MappedObject:
     """Initialise, solve, and describe one object from its views.
 
@@ -149,7 +157,7 @@ def map_object(
     name = f"{instance.category} {instance.id}"
     task = EstimationTask(name, prior, first.states, tuple(views), up_world, floor, chances=first.chances)
     with clock.stage("solve"):
-        main, *rest = _estimators(config)
+        main, *rest = _estimators(config, watch)
         estimate = _estimated(main, task)
         other = _beside(rest[0], task) if rest else None
     with clock.stage("mesh"):
@@ -165,9 +173,9 @@ def map_object(
     )
 
 
-def _estimators(config: MappingConfig) -> list[Estimator]:
+def _estimators(config: MappingConfig, watch: Callable[[Problem], None] | None = None) -> list[Estimator]:
     """The one whose estimate the map takes, then the one that stands beside it."""
-    graph = GraphEstimator(config.graph, config.solver, config.heading_modes)
+    graph = GraphEstimator(config.graph, config.solver, config.heading_modes, watch=watch)
     adam = AdamEstimator(config.adam)
     return {"graph": [graph], "adam": [adam], "both": [graph, adam]}[config.estimator]
 

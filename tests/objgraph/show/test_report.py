@@ -15,8 +15,8 @@ from objgraph.cli.main import main
 from objgraph.errors import MapError
 from objgraph.maps.object_map import ObjectMap
 from objgraph.show import raster
+from objgraph.show.placement import LEVEL
 from objgraph.show.report import REPORT, object_pictures, write_report
-from objgraph.show.report.contents import LEVEL
 from objgraph.show.summary import position_covariance
 from tests.browser import open_page
 from tests.objgraph.maps.map_cases import UP, failed, mapped

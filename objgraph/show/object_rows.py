@@ -1,0 +1,97 @@
+"""The table of a map's page and of its viewer: columns, a row an object, and what to know beside the figures."""
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from objgraph.errors import MapError
+from objgraph.maps.files import EVALUATION
+from objgraph.maps.mapped_object import MappedObject
+from objgraph.show import summary
+from objgraph.show.placement import LEAST
+
+
+class Column(NamedTuple):
+    """A figure of each object."""
+
+    key: str
+    label: str
+    unit: str
+    digits: int
+
+
+_COLUMNS = (
+    Column("object", "object", "", 0), Column("status", "status", "", 0), Column("size", "w x h x d", "m", 2),
+    Column("centre_sigma", "centre ±", "cm", 1), Column("heading_sigma", "heading ±", "deg", 1),
+    Column("surface_sigma", "surface ±", "cm", 1), Column("other", "other headings", "%", 0),
+    Column("views", "views", "", 0), Column("seconds", "time", "s", 1),
+)  # fmt: skip
+ERRORS = (
+    Column("translation_m", "off by", "cm", 1), Column("rotation_deg", "turned by", "deg", 1),
+    Column("scale_pct", "scale", "%", 1), Column("box_iou", "box IoU", "", 2), Column("chamfer_m", "Chamfer", "cm", 1),
+)  # fmt: skip
+"""Of `evaluation.json`."""
+
+
+def columns_of(errors: Mapping[int, Any]) -> list[Column]:
+    """Those of every map, and of its errors where it has any."""
+    return [*_COLUMNS, *(ERRORS if errors else ())]
+
+
+def object_row(entry: MappedObject, up_world: Float[np.ndarray, "3"]) -> dict[str, Any]:
+    """An object's figures by column, in the columns' units; what is not known is left out."""
+    covariance = entry.covariance if entry.box_covariance is None else entry.box_covariance
+    row: dict[str, Any] = {"object": name_of(entry), "status": entry.status}
+    row |= {"views": len(entry.views), "seconds": entry.seconds}
+    if entry.size_m is not None:
+        row["size"] = " x ".join(f"{edge:.2f}" for edge in entry.size_m)
+    if entry.T_world_object is not None and covariance is not None:
+        sigma = summary.position_sigma(entry.T_world_object, covariance)
+        row["centre_sigma"] = 100 * float(np.linalg.norm(sigma))
+        row["heading_sigma"] = float(
+            np.degrees(summary.heading_sigma(entry.T_world_object, covariance, up_world))
+        )
+    if entry.vertex_sigma is not None:
+        row["surface_sigma"] = 100 * float(np.median(entry.vertex_sigma))
+    if entry.turns is not None:
+        row["other"] = 100 * float(1 - entry.turns[0])
+    return row
+
+
+def error_row(errors: Mapping[str, Any]) -> dict[str, Any]:
+    """An object's errors by column, None where there is none; metres become the column's centimetres."""
+    factors = {column.key: 100.0 if column.unit == "cm" else 1.0 for column in ERRORS}
+    return {key: None if errors.get(key) is None else factor * errors[key] for key, factor in factors.items()}
+
+
+def remarks_of(entry: MappedObject) -> list[str]:
+    """What to know of an object beside its figures."""
+    remarks = [entry.reason] if entry.reason else []
+    if entry.prior is not None and entry.prior.fallback:
+        remarks.append(f"no prior for this category: stand-in {entry.prior.name}")
+    if entry.box_covariance is None and entry.covariance is not None:
+        remarks.append("standard deviations are the estimator's own: not calibrated, too small")
+    if entry.turns is not None:
+        others = {90 * quarter: p for quarter, p in enumerate(entry.turns) if quarter and p > LEAST}
+        remarks += [f"may stand turned by {angle}°: {100 * p:.0f} %" for angle, p in others.items()]
+    return remarks
+
+
+def errors_beside(folder: Path) -> dict[int, dict[str, Any]]:
+    """Errors by object that were written beside a map; raises MapError where they cannot be read."""
+    path = folder / EVALUATION
+    try:
+        return {entry["id"]: entry for entry in json.loads(path.read_text())["objects"]}
+    except FileNotFoundError:
+        return {}
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise MapError(f"{path}: not a readable list of errors ({error}); map the scan again") from error
+
+
+def name_of(entry: MappedObject) -> str:
+    """As all pages and tables call it."""
+    return f"{entry.category} {entry.id}"

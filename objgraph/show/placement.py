@@ -1,0 +1,100 @@
+"""Where an object of a map is drawn: its box, the ellipsoid of the box's centre, and the other headings it may have."""
+
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+from scipy.stats import chi2
+
+from factors.state import ObjectState
+from objgraph.geometry.boxes import OrientedBox
+from objgraph.maps.mapped_object import MappedObject
+from objgraph.show import summary
+
+LEVEL = 0.95
+"""Of the ellipsoids."""
+LEAST = 0.02
+"""Probability of another heading below which it is neither drawn nor told."""
+
+
+class Ellipsoid(NamedTuple):
+    """The region about a position that holds it with probability `LEVEL`, world frame."""
+
+    centre: Float[np.ndarray, "3"]
+    rotation: Float[np.ndarray, "3 3"]
+    """Its axes as columns, a right-handed frame."""
+    half_sizes: Float[np.ndarray, "3"]
+    """Metres."""
+
+    @staticmethod
+    def of(centre: Float[np.ndarray, "3"], covariance_world: Float[np.ndarray, "3 3"]) -> "Ellipsoid":
+        """Of a position with its covariance, m^2."""
+        variances, axes = np.linalg.eigh(covariance_world)
+        axes[:, 0] *= np.sign(np.linalg.det(axes))
+        return Ellipsoid(centre, axes, np.sqrt(variances.clip(min=1e-12) * chi2.ppf(LEVEL, 3)))
+
+    @property
+    def matrix(self) -> Float[np.ndarray, "4 4"]:
+        """What makes the unit sphere this ellipsoid."""
+        return scaled_frame(self.centre, self.rotation, self.half_sizes)
+
+
+class Heading(NamedTuple):
+    """Another heading that an object may have."""
+
+    quarter: int
+    """Quarter turns about its up axis."""
+    probability: float
+    moved_world: Float[np.ndarray, "4 4"]
+    """What moves the mesh there; the shape is that of the likeliest heading."""
+
+
+def centre_ellipsoid(entry: MappedObject) -> Ellipsoid | None:
+    """Of the box's centre where its covariance is calibrated, of the object's origin by the estimator's otherwise."""
+    if entry.T_world_object is None:
+        return None
+    covariance, centre = entry.covariance, entry.T_world_object[:3, 3]
+    if entry.box_covariance is not None and entry.box_centre is not None:
+        covariance, centre = entry.box_covariance, entry.box_centre
+    if covariance is None:
+        return None
+    return Ellipsoid.of(centre, summary.position_covariance(entry.T_world_object, covariance))
+
+
+def box_of(entry: MappedObject) -> OrientedBox | None:
+    """The box that has a covariance, else the one about the mesh; None without a mesh."""
+    if entry.T_world_object is None or entry.vertices is None:
+        return None
+    R = entry.T_world_object[:3, :3]
+    if entry.box_centre is not None and entry.box_extents is not None:
+        return OrientedBox(entry.box_centre, R, entry.box_extents)
+    return OrientedBox.about(entry.vertices, R)
+
+
+def headings_of(entry: MappedObject) -> list[Heading]:
+    """Other headings that are likely enough to be drawn."""
+    modes = entry.other_headings
+    if modes is None or entry.turned is None:
+        return []
+    to_canonical = np.linalg.inv(_placed(entry.state))
+    found = enumerate(zip(modes.probability, modes.states, strict=True))
+    return [
+        Heading(quarter, float(p), _placed(state) @ to_canonical)
+        for quarter, (p, state) in found
+        if quarter and state is not None and p > LEAST
+    ]
+
+
+def scaled_frame(
+    centre: Float[np.ndarray, "3"], rotation: Float[np.ndarray, "3 3"], scale: Float[np.ndarray, "3"]
+) -> Float[np.ndarray, "4 4"]:
+    """What takes the unit box or sphere about the origin to this place, its columns scaled."""
+    matrix = np.eye(4)
+    matrix[:3, :3] = rotation * scale
+    matrix[:3, 3] = centre
+    return matrix
+
+
+def _placed(state: ObjectState) -> Float[np.ndarray, "4 4"]:
+    """T_world_object with its scale: from canonical units to metres in the world."""
+    return state.T_world_object.matrix() @ np.diag([*state.scale, 1.0])
