@@ -95,7 +95,9 @@ def render(suite: Suite, folder: Path, to: Path) -> Path:
         raise EvaluationError(f"{folder}: nothing of the suite '{suite}' has been run there")
     lines = ["# Results\n", _head(suite, found)]
     lines += [
-        behind_table({part.title: found[part.name] for part in parts(suite) if part.name in found}).markdown()
+        behind_table({part.title: found[part.name] for part in parts(suite) if part.name in found}).markdown(
+            2
+        )
     ]
     for part in parts(suite):
         lines.append(f"## {part.title}\n")
@@ -160,8 +162,8 @@ def _head(suite: Suite, found: Mapping[str, Mapping[str, Any]]) -> str:
     hashes = ", ".join(f"{name} `{digest[:12]}`" for name, digest in sorted(priors.items()))
     return (
         f"Made by `objgraph evaluate --suite {suite}` and its `--render`: no number here is typed by hand. "
-        f"Program: {', '.join(versions)}. Priors: {hashes}. What the figures mean, what methods and starts are, and what "
-        "is wrong with scans of each difficulty: [evaluation.md](evaluation.md).\n"
+        f"Program: {', '.join(versions)}. Priors: {hashes}. [What the figures mean, what "
+        "methods and starts are](guides/compare.md); [what is wrong with scans of each difficulty](reference/benchmark.md).\n"
     )
 
 

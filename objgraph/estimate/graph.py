@@ -29,7 +29,7 @@ class GraphEstimator:
     """None takes the heading that was found as the only one."""
     gravity: bool = True
     """Whether it is told where up and the floor are; without, no object need be upright or stand."""
-    watch: Callable[[Problem], None] | None = None
+    watch: Callable[[Problem], None] | None = field(default=None, compare=False)
     """Called after each accepted step with the object's problem; each start is one."""
 
     def estimate(

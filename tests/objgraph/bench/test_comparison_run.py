@@ -16,6 +16,7 @@ from objgraph.bench.comparison.objects.measure import Job, measure
 from objgraph.bench.comparison.objects.rows import ObjectRow
 from objgraph.bench.comparison.running.store import SETTINGS
 from objgraph.errors import EvaluationError
+from objgraph.estimate.graph import GraphEstimator
 from objgraph.graph.initialise import FirstStates
 from objgraph.priors.misfit import BoxMisfit
 from tests.objgraph.bench.comparison_fakes import (
@@ -300,6 +301,12 @@ def test_settings_that_are_functions_or_plain_objects_have_stable_digests():
     one, same, other = (comparison_config.settings_of(Plain(value)) for value in (1, 1, 2))
     assert one == same != other
     assert "0x" not in json.dumps(one)
+
+
+def test_who_watches_is_no_setting():
+    watched = comparison_config.settings_of(GraphEstimator(watch=print))
+    assert watched == comparison_config.settings_of(GraphEstimator())
+    assert watched != comparison_config.settings_of(GraphEstimator(gravity=False))
 
 
 def test_what_cannot_be_compared_is_a_typed_error(tmp_path):

@@ -322,7 +322,7 @@ def test_a_folder_of_something_else(tmp_path):
 
 
 def test_the_pages_code_writes_a_folder_that_is_read(tmp_path, monkeypatch):
-    page = (REPOSITORY / "docs" / "datasets.md").read_text()
+    page = (REPOSITORY / "docs" / "guides" / "datasets.md").read_text()
     block = next(
         b for b in re.findall(r"```python\n(.*?)```", page, flags=re.DOTALL) if "def write_frame" in b
     )

@@ -245,7 +245,7 @@ def test_neighbours_are_pushed_together_and_do_not_intersect(seed):
 
 
 def test_the_documentation_has_these_ranges():
-    page = (REPOSITORY / "docs" / "evaluation.md").read_text()
+    page = (REPOSITORY / "docs" / "reference" / "benchmark.md").read_text()
     rows = {
         cells[1].strip("` "): cells[2:4] for line in page.splitlines() if len(cells := line.split("|")) == 6
     }

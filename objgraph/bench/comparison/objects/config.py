@@ -73,9 +73,9 @@ def row_settings(source: CaseSource, config: ComparisonConfig, name: str, catego
 
 
 def settings_of(value: Any) -> Any:
-    """Settings as JSON values; of an object that holds nothing its class."""
+    """Settings as JSON values; of an object that holds nothing its class. Fields that do not count in comparisons are none."""
     if is_dataclass(value) and not isinstance(value, type):
-        items = {item.name: settings_of(getattr(value, item.name)) for item in fields(value)}
+        items = {item.name: settings_of(getattr(value, item.name)) for item in fields(value) if item.compare}
         return {"class": type(value).__qualname__, **items}
     if isinstance(value, Mapping):
         return {str(key): settings_of(item) for key, item in value.items()}

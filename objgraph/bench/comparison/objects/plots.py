@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -79,7 +80,7 @@ def uncertainty_plot(rows: Sequence[ObjectRow], methods: Sequence[str], data: st
             if chosen:
                 sigma, error = binned(*_points(chosen))
                 label = f"{method}, n = {len(chosen)}"
-                axis.plot(100 * sigma, 100 * error, marker=_marker(i), color=_color(i), label=label)
+                axis.plot(100 * sigma, 100 * error, **_style(i), label=label)
         axis.set_xscale("log")
         axis.set_yscale("log")
         for side in (axis.xaxis, axis.yaxis):
@@ -130,9 +131,7 @@ def _line(
     ends = [(e or {}).get(f"{name}_interval") or (None, None) for e in entries]
     spread = np.array([[np.nan if end is None else factor * end for end in pair] for pair in ends], float).T
     reach = np.nan_to_num(np.abs(spread - middle))
-    axis.errorbar(
-        x, middle, yerr=reach, marker=_marker(index), color=_color(index), capsize=3, lw=1.5, label=label
-    )
+    axis.errorbar(x, middle, yerr=reach, **_style(index), capsize=3, lw=1.5, label=label)
 
 
 def _legend(figure: Figure, axis: Axes, columns: int) -> None:
@@ -146,12 +145,15 @@ def _most(entries: Sequence[Entry], category: str) -> int:
     return max(e["n"] for e in entries if e["category"] == category)
 
 
-def _color(index: int) -> str:
-    return COLORS[index % len(COLORS)]
-
-
-def _marker(index: int) -> str:
-    return _MARKERS[index % len(_MARKERS)]
+def _style(index: int) -> dict[str, Any]:
+    """A method's line; those beyond the colours have hollow markers and dashes."""
+    again = index >= len(COLORS)
+    return {
+        "color": COLORS[index % len(COLORS)],
+        "marker": _MARKERS[index % len(_MARKERS)],
+        "linestyle": "--" if again else "-",
+        "markerfacecolor": "white" if again else None,
+    }
 
 
 def faults_plot(rows: Sequence[ObjectRow], methods: Sequence[str], data: str, path: Path) -> bool:
@@ -207,7 +209,7 @@ def _correct(
     low, high = np.array([proportion_interval(int(correct[part].sum()), len(part)) for part in parts]).T
     x = x + shift * np.ptp(strength)
     axis.errorbar(
-        x, rate, yerr=(rate - low, high - rate), marker=_marker(index), color=_color(index), capsize=3, label=label
+        x, rate, yerr=(rate - low, high - rate), **_style(index), capsize=3, label=label
     )  # fmt: skip
 
 

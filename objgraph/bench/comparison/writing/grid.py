@@ -58,13 +58,13 @@ class Grid:
             table.add_section()
         return table
 
-    def markdown(self) -> str:
-        """A heading, the table, and the caption."""
+    def markdown(self, level: int = 3) -> str:
+        """A heading of that level, the table, and the caption."""
         rows = [_line([name.replace("\n", " ") for name in self.header])]
         rows.append(_line(["---" if i < self.words else "---:" for i in range(len(self.header))]))
         rows += [_line([_markdown(cell) for cell in row]) for section in self.sections for row in section]
         caption = f"\n{self.caption}\n" if self.caption else ""
-        return f"### {self.title}\n\n" + "\n".join(rows) + "\n" + caption
+        return f"{level * '#'} {self.title}\n\n" + "\n".join(rows) + "\n" + caption
 
 
 def ranged(
