@@ -214,7 +214,7 @@ def test_what_is_wrong_is_one_line(street, tmp_path, capsys, monkeypatch, more, 
         *more,
     ]
     assert main(arguments) == 1
-    assert message in capsys.readouterr().out
+    assert message in capsys.readouterr().err
     assert not (tmp_path / "f.json").exists()
 
 
@@ -223,7 +223,7 @@ def test_a_damaged_frame_is_named(street, tmp_path, capsys):
     (root / "training" / "velodyne" / "000001.bin").write_bytes(b"")
     arguments = ["evaluate", "--dataset", "kitti", "--root", str(root), "--methods", "graph"]
     assert main([*arguments, "--scenes", "000001", "--json", str(tmp_path / "f.json")]) == 1
-    assert "the scan is empty" in " ".join(capsys.readouterr().out.split())
+    assert "the scan is empty" in " ".join(capsys.readouterr().err.split())
 
 
 def test_real_cars(shared_data, tmp_path):

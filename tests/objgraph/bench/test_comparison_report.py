@@ -163,7 +163,7 @@ def test_bins_hold_equally_many_points():
         (["--methods", "graph", "graph"], "--methods names graph twice"),
         (
             ["--dataset", "nope"],
-            "no data set 'nope'; available: synthetic, kitti, folder, icl, sample, scannet, sevenscenes",
+            "no data set 'nope'; available: synthetic, kitti, bag, bop, folder, icl",
         ),
         (["--dataset", "scannet"], "data set 'scannet': --root must name its folder"),
         (["--dataset", "scannet", "--root", "{}"], "holds no folder scans/"),

@@ -115,4 +115,4 @@ def test_the_command_takes_a_factor(street, tmp_path, capsys):
     assert rows["graph"]["mean_iou"] > 0.8
     capsys.readouterr()
     assert main([*arguments, "--out", str(tmp_path / "b"), "--detector-noise", "-1"]) == 1
-    assert "--detector-noise takes a number from 0 on" in capsys.readouterr().out
+    assert "--detector-noise takes a number from 0 on" in capsys.readouterr().err

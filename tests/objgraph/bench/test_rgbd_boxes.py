@@ -139,4 +139,4 @@ def test_the_command_measures_boxes(tmp_path, capsys):
     document = json.loads((tmp_path / "out" / "figures.json").read_text())
     assert [(e["n"], e["n_failed"]) for e in document["rows"]] == [(1, 1)]
     assert run(tmp_path, "--calibration") == 1
-    assert "for data sets with true shapes" in " ".join(capsys.readouterr().out.split())
+    assert "for data sets with true shapes" in " ".join(capsys.readouterr().err.split())

@@ -87,13 +87,13 @@ def test_another_trajectory_is_looked_at(folder, tmp_path, capsys):
 )
 def test_options_that_do_not_go_together(arguments, message, capsys):
     assert main(["doctor", *arguments]) == 1
-    assert message in capsys.readouterr().out
+    assert message in capsys.readouterr().err
 
 
 def test_a_picture_that_cannot_be_written_is_one_line(healthy, tmp_path, capsys):
     (tmp_path / "file").write_text(json.dumps({}))
     assert main(["doctor", "--root", str(healthy), "--out", str(tmp_path / "file")]) == 1
-    assert "doctor.png: the picture cannot be written" in capsys.readouterr().out
+    assert "doctor.png: the picture cannot be written" in capsys.readouterr().err
 
 
 def test_kitti_scans_are_looked_at(shared_data, capsys):

@@ -404,7 +404,7 @@ def test_the_command_takes_topics_and_its_record_keeps_them(tmp_path, capsys):
     write_recording(tmp_path / "robot", toy_scan())
     arguments = ["map", "--dataset", "bag", "--root", str(tmp_path / "robot"), "--out", str(tmp_path / "out")]
     assert main([*arguments, "--topic.depth", "/nowhere"]) == 1
-    assert "/nowhere, named as depth, has no messages" in capsys.readouterr().out
+    assert "/nowhere, named as depth, has no messages" in capsys.readouterr().err
     few = ["--views", "1", "--min-pixels", "99999", "--topic.color", "none", "--topic.world", "odom"]
     assert main([*arguments, *few]) == 0
     config = json.loads((tmp_path / "out" / "config.json").read_text())
@@ -414,7 +414,7 @@ def test_the_command_takes_topics_and_its_record_keeps_them(tmp_path, capsys):
     config = json.loads((tmp_path / "again" / "config.json").read_text())
     assert config["topic"] == {"depth": "", "color": "none", "info": "", "pose": "/tf", "world": "odom"}
     assert main(["map", "--dataset", "sample", "--root", "x", "--topic.pose", "/tf", "--out", "y"]) == 1
-    assert "has no option pose_topic" in capsys.readouterr().out
+    assert "has no option pose_topic" in capsys.readouterr().err
 
 
 def test_a_bag_without_masks_is_segmented(tmp_path, monkeypatch, caplog):

@@ -134,7 +134,7 @@ def test_settings_of_a_lidar_are_its_own_and_those_of_a_camera_are_refused(stree
     ]
     for option, message in refused:
         assert main([*arguments, *option]) == 1
-        assert message in capsys.readouterr().out
+        assert message in capsys.readouterr().err
     file.write_text(json.dumps({"settings": {"sampling": {"flying": 0.1}}}))
     assert main([*arguments, "--config", str(file)]) == 1
-    assert "settings.json: settings: no setting sampling of data set 'kitti'" in capsys.readouterr().out
+    assert "settings.json: settings: no setting sampling of data set 'kitti'" in capsys.readouterr().err

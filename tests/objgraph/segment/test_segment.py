@@ -231,7 +231,7 @@ def write_folder(root, frames: int = 3):
 def test_a_folder_without_masks_becomes_a_scan(tmp_path, segmenting, capsys):
     write_folder(tmp_path)
     assert main(["segment", "--root", str(tmp_path)]) == 1
-    assert "say which way is up" in capsys.readouterr().out
+    assert "say which way is up" in capsys.readouterr().err
     assert main(["segment", "--root", str(tmp_path), "--up", "0", "-1", "0"]) == 0
     scan = load_scan("folder", tmp_path)
     assert [each.category for each in scan.instances] == ["chair"]
@@ -239,14 +239,14 @@ def test_a_folder_without_masks_becomes_a_scan(tmp_path, segmenting, capsys):
     assert all(set(np.unique(scan.frames[i].instances)) == {0, 1} for i in range(3))
     assert json.loads((tmp_path / "instances.json").read_text())["up_world"] == [0, -1, 0]
     assert main(["segment", "--root", str(tmp_path)]) == 1
-    assert "already there" in capsys.readouterr().out
+    assert "already there" in capsys.readouterr().err
 
 
 def test_nothing_is_left_where_nothing_is_found(tmp_path, segmenting, capsys, monkeypatch):
     write_folder(tmp_path)
     monkeypatch.setattr(Segmenter, "segment", lambda self, color: [])
     assert main(["segment", "--root", str(tmp_path), "--up", "0", "-1", "0"]) == 1
-    assert "no chair, table or car was found" in capsys.readouterr().out
+    assert "no chair, table or car was found" in capsys.readouterr().err
     assert not (tmp_path / "masks").exists()
     assert not (tmp_path / "instances.json").exists()
 

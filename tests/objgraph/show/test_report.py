@@ -184,7 +184,7 @@ def test_the_command_needs_a_map_and_tells_what_the_page_lacks(saved, tmp_path, 
     assert "MB" in capsys.readouterr().out
     assert contents(folder / REPORT)["points"] is None
     assert main(["report", str(tmp_path / "nowhere")]) == 1
-    assert "there is no map here" in capsys.readouterr().out
+    assert "there is no map here" in capsys.readouterr().err
 
 
 def test_a_click_on_an_object_shows_its_row(saved):

@@ -320,7 +320,7 @@ def test_an_object_is_solved_again_by_the_map_s_own_settings(saved, tmp_path, mo
     assert np.linalg.norm(np.array(centres[max(t for t in centres if t is not None)]) - middle) < 0.05
     capsys.readouterr()
     assert main(["view", str(folder), "--solve", "9"]) == 1
-    assert "--solve 9: no mapped object has this id; there are [1, 2]" in capsys.readouterr().out
+    assert "--solve 9: no mapped object has this id; there are [1, 2]" in capsys.readouterr().err
 
 
 def test_a_missing_package_is_named_with_the_extra_that_has_it(saved, monkeypatch, capsys):
@@ -330,7 +330,7 @@ def test_a_missing_package_is_named_with_the_extra_that_has_it(saved, monkeypatc
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.delattr("objgraph.show.rerun_view")
     assert main(["view", str(folder)]) == 1
-    assert "pip install 'objgraph[view]'" in capsys.readouterr().out
+    assert "pip install 'objgraph[view]'" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
@@ -346,7 +346,7 @@ def test_what_cannot_be_done_is_one_line(arguments, problem, saved, tmp_path, mo
     _, folder = saved
     monkeypatch.chdir(tmp_path)
     assert main(["view", str(folder), *arguments]) == 1
-    assert problem in " ".join(capsys.readouterr().out.split())
+    assert problem in " ".join(capsys.readouterr().err.split())
     assert not [*tmp_path.glob(".*rrd")]
 
 
@@ -361,7 +361,7 @@ def test_only_the_graph_s_steps_on_depth_images_can_be_shown(dataset, settings, 
     _, folder = saved
     MapRun(Source(dataset), settings).save(folder)
     assert main(["view", str(folder), "--solve", "1"]) == 1
-    assert problem in " ".join(capsys.readouterr().out.split())
+    assert problem in " ".join(capsys.readouterr().err.split())
 
 
 def test_a_viewer_that_does_not_start_is_one_error(monkeypatch):
