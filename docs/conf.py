@@ -1,8 +1,10 @@
-"""The site: pages in MyST Markdown, the API from docstrings, the commands from their own help."""
+"""The site: pages in MyST Markdown; the API from docstrings, the commands from their own help, the examples as they are."""
 
+import ast
 import contextlib
 import io
 import os
+from collections.abc import Iterator
 from importlib import import_module
 from pathlib import Path
 
@@ -23,48 +25,68 @@ autodoc_typehints = "signature"
 python_maximum_signature_line_length = 100
 
 _HERE = Path(__file__).parent
+_MADE = _HERE / "reference" / "made"
+"""Pages that are written anew with every build."""
 
 
-def _commands() -> str:
+def _pages() -> Iterator[tuple[str, str]]:
+    """Names and text."""
+    yield from _commands()
+    yield from _api()
+    yield from _examples()
+
+
+def _commands() -> Iterator[tuple[str, str]]:
     """Every verb's help, as it is printed."""
-    from objgraph.cli.main import VERBS, main, summary
+    from objgraph.cli.main import VERBS, main
 
-    lines = ["# Commands\n", "`objgraph VERB --help`, of every verb.\n"]
     for verb in VERBS:
         printed = io.StringIO()
         with contextlib.redirect_stdout(printed), contextlib.suppress(SystemExit):
             main([verb, "--help"])
-        lines += [f"## {verb}\n", f"{summary(verb)}\n", f"```text\n{printed.getvalue().rstrip()}\n```\n"]
-    return "\n".join(lines)
+        yield f"command-{verb}", f"# objgraph {verb}\n\n```text\n{printed.getvalue().rstrip()}\n```\n"
 
 
-def _api() -> str:
-    """What `objgraph` exports, and the rooms' own exports."""
+def _api() -> Iterator[tuple[str, str]]:
+    """What `objgraph` exports, a page a name, and what its rooms export, a page a room."""
     import objgraph
 
-    lines, told = ["# API\n", f"{objgraph.__doc__}\n"], set()
     rooms = [name for name in objgraph.__all__ if name in objgraph._ROOMS]
     own = [name for name in objgraph.__all__ if name not in rooms]
-    for title, module, names in [
-        ("objgraph", "objgraph", own),
-        *((f"objgraph.{room}", f"objgraph.{room}", getattr(objgraph, room).__all__) for room in rooms),
-    ]:
-        lines += [f"## {title}\n", "```{eval-rst}"]
-        for name in names:
-            found = getattr(import_module(module), name)
-            if id(found) in told:
-                continue
-            told.add(id(found))
-            kind = "class" if isinstance(found, type) else "function" if callable(found) else "data"
-            lines += [f".. auto{kind}:: {module}.{name}", *(["   :members:"] if kind == "class" else []), ""]
-        lines += ["```\n"]
-    return "\n".join(lines)
+    told = {id(getattr(objgraph, name)) for name in own}
+    for name in own:
+        yield f"api-{name}", f"# objgraph.{name}\n\n{_described('objgraph', name)}"
+    for room in rooms:
+        module = import_module(f"objgraph.{room}")
+        names = [name for name in module.__all__ if id(getattr(module, name)) not in told]
+        body = "\n".join(_described(module.__name__, name) for name in names)
+        yield f"room-{room}", f"# objgraph.{room}\n\n{module.__doc__}\n\n{body}"
+
+
+def _described(module: str, name: str) -> str:
+    found = getattr(import_module(module), name)
+    kind = "class" if isinstance(found, type) else "function" if callable(found) else "data"
+    members = "   :members:\n" if kind == "class" else ""
+    return f"```{{eval-rst}}\n.. auto{kind}:: {module}.{name}\n{members}```\n"
+
+
+def _examples() -> Iterator[tuple[str, str]]:
+    for path in sorted((_HERE.parent / "examples").glob("*.py")):
+        title = (ast.get_docstring(ast.parse(path.read_text())) or path.stem).splitlines()[0].rstrip(".")
+        included = f"../../../examples/{path.name}"
+        code = f"```{{literalinclude}} {included}\n:language: python\n```\n"
+        yield f"example-{path.stem}", f"# {path.name}\n\n{title}.\n\n{code}"
 
 
 def _write(app) -> None:
-    for name, text in (("commands", _commands()), ("api", _api())):
-        path = _HERE / "reference" / f"{name}.md"
-        if not path.exists() or path.read_text() != text:
+    _MADE.mkdir(exist_ok=True)
+    pages = {f"{name}.md": text for name, text in _pages()}
+    for path in _MADE.iterdir():
+        if path.name not in pages:
+            path.unlink()
+    for name, text in pages.items():
+        path = _MADE / name
+        if not path.exists() or path.read_text() != text:  # unchanged pages are not built again
             path.write_text(text)
 
 

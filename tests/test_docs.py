@@ -12,9 +12,8 @@ from tests.conftest import REPOSITORY
 
 command_line = importlib.import_module("objgraph.cli.main")
 DOCS = REPOSITORY / "docs"
-MADE = [DOCS / "reference" / name for name in ("api.md", "commands.md")]
-"""By the site's builder, of docstrings and helps."""
-PAGES = sorted({REPOSITORY / "README.md", *DOCS.rglob("*.md")} - set(MADE))
+PAGES = sorted({REPOSITORY / "README.md", *DOCS.rglob("*.md")} - {*(DOCS / "reference" / "made").glob("*")})
+"""All but what the site's builder makes of docstrings, helps and examples."""
 DATED = {DOCS / "results.md", *(DOCS / "decisions").iterdir()}
 """What was run is told there, with the options of then, at whatever length it takes."""
 GUIDES = [page for page in PAGES if page not in DATED]
