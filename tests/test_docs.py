@@ -1,4 +1,4 @@
-"""The documentation: its links lead somewhere, its Python compiles or runs, its commands are taken, its pages are short."""
+"""The documentation: its links lead somewhere, its Python compiles, its commands are taken, its pages are short."""
 
 import importlib
 import re
