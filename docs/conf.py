@@ -43,7 +43,7 @@ def _commands() -> Iterator[tuple[str, str]]:
     for verb in VERBS:
         printed = io.StringIO()
         with contextlib.redirect_stdout(printed), contextlib.suppress(SystemExit):
-            main([verb, "--help"])
+            main([verb, "--help-all"])
         yield f"command-{verb}", f"# objgraph {verb}\n\n```text\n{printed.getvalue().rstrip()}\n```\n"
 
 

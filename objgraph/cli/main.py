@@ -1,6 +1,7 @@
 """The command `objgraph`: one verb, whose libraries alone are loaded."""
 
 import inspect
+import re
 import sys
 from collections.abc import Callable
 from typing import TYPE_CHECKING, TypeVar
@@ -221,16 +222,36 @@ def _run(verb: str, arguments: list[str], loudness: int) -> int:
 
 
 def _parsed(kind: type[Command], verb: str, arguments: list[str]) -> Command:
+    """The verb's words; `--help` shows what is usually turned, `--help-all` the groups of settings too."""
+    import contextlib
+    import io
+
     import tyro
 
-    flags = (tyro.conf.FlagCreatePairsOff,) if verb.startswith("evaluate") else ()
-    return tyro.cli(
-        kind,
-        prog=f"objgraph {verb}",
-        description=inspect.getdoc(VERBS[verb]),
-        args=arguments,
-        config=flags,
-    )
+    every = "--help-all" in arguments
+    usual = not every and not {"-h", "--help"}.isdisjoint(arguments)
+    shown = io.StringIO()
+    try:
+        with contextlib.redirect_stdout(shown) if usual else contextlib.nullcontext():
+            return tyro.cli(
+                kind,
+                prog=f"objgraph {verb}",
+                description=inspect.getdoc(VERBS[verb]),
+                args=["--help"] if every else arguments,
+                config=(tyro.conf.FlagCreatePairsOff,) if verb.startswith("evaluate") else (),
+            )
+    finally:
+        if usual:
+            print(_usual(verb, shown.getvalue()), end="")
+
+
+def _usual(verb: str, text: str) -> str:
+    """A help without its groups of settings, which are named."""
+    group = r"^ (\S+) options +\n -+ *\n.*?\n +\n"
+    if groups := re.findall(group, text, flags=re.DOTALL | re.MULTILINE):
+        named = f"Further settings, by `objgraph {verb} --help-all`: {', '.join(groups)}.\n"
+        return re.sub(group, "", text, flags=re.DOTALL | re.MULTILINE) + named
+    return text
 
 
 def summary(verb: str) -> str:
@@ -243,7 +264,7 @@ def _help() -> str:
     return (
         "usage: objgraph [-h] [--version] [-q | -v] VERB ...\n\n"
         "Object-level mapping with learnt shape priors, as a factor graph.\n\n"
-        f"verbs (objgraph VERB --help says more):\n{verbs}\n\n"
+        f"verbs (objgraph VERB --help says more, --help-all all):\n{verbs}\n\n"
         "-q says errors alone, -v what is decided on the way. A shell completes words after\n"
         "objgraph VERB --tyro-print-completion bash (or zsh, tcsh).\n"
         "exit codes: 0, 1 after an error that is told, 2 for words that are none of the command's, 130 when stopped."

@@ -18,7 +18,6 @@ import numpy as np
 import torch
 from jaxtyping import Float, Int
 from torch import Tensor
-from torch.nn.functional import binary_cross_entropy_with_logits
 
 from factors.code_mixture import CodeMixture
 from factors.decoder import Decoder, DecoderConfig
@@ -27,6 +26,7 @@ from objgraph.priors.tensors import load_tensors, save_tensors
 from objgraph.training.box_frame import BoxFrame
 from objgraph.training.checkpoint import AutoDecoder, pack, unpack
 from objgraph.training.corpus import Corpus, CorpusConfig
+from objgraph.training.losses import LossConfig, sample_errors
 from objgraph.training.samples import SampleConfig, SdfSamples
 from objgraph.training.train_guess import TrainGuessConfig
 
@@ -34,6 +34,31 @@ log = logging.getLogger(__name__)
 
 _REFIT = 100
 """Steps between fits of the mixture."""
+
+
+@dataclass(frozen=True)
+class OptimiserConfig:
+    """Batches and rates of a training."""
+
+    shapes_per_step: int = 128
+    """Shapes in a batch."""
+    points_per_shape: int = 48
+    """Samples of each of them."""
+    candidates: int = 3
+    """Samples of which the one that was worst when last looked at is taken (as in Shrivastava et al., "Training
+    region-based object detectors with online hard example mining", 2016): thin parts have few."""
+    learning_rate: float = 1e-3
+    """Adam's step for the network."""
+    code_learning_rate: float = 4e-2
+    """Adam's step for the codes of the batch, which see fewer steps than the network does."""
+    warmup: int = 200
+    """Steps over which the learning rate rises from zero."""
+    cooldown: float = 0.45
+    """Last share of the steps, over which it falls to zero."""
+    code_sigma: float = 0.1
+    """First standard deviation of the codes."""
+    average_decay: float = 0.999
+    """Decay a step of the running average of the weights that is exported."""
 
 
 @dataclass(frozen=True)
@@ -55,6 +80,10 @@ class TrainConfig:
     """The shapes."""
     samples: SampleConfig = field(default_factory=SampleConfig)
     """Where their distances are sampled."""
+    optimiser: OptimiserConfig = field(default_factory=OptimiserConfig)
+    """How the decoder's weights and the codes are found."""
+    loss: LossConfig = field(default_factory=LossConfig)
+    """What is asked of them."""
     guess: TrainGuessConfig = field(default_factory=TrainGuessConfig)
     """The network that says of what is seen how an object may stand, trained when the decoder is."""
     normalisation: Literal["box", "diagonal"] = "box"
@@ -64,38 +93,11 @@ class TrainConfig:
     """Whether such objects stand on the floor: those that hang or lie on others do not."""
     steps: int = 40_000
     """Optimiser steps; may be raised or lowered between resumed runs."""
-    shapes_per_step: int = 128
-    """Shapes in a batch."""
-    points_per_shape: int = 48
-    """Samples of each of them."""
-    candidates: int = 3
-    """Samples of which the one that was worst when last looked at is taken (as in Shrivastava et al., "Training
-    region-based object detectors with online hard example mining", 2016): thin parts have few."""
-    learning_rate: float = 1e-3
-    """Adam's step for the network."""
-    code_learning_rate: float = 4e-2
-    """Adam's step for the codes of the batch, which see fewer steps than the network does."""
-    warmup: int = 200
-    """Steps over which the learning rate rises from zero."""
-    cooldown: float = 0.45
-    """Last share of the steps, over which it falls to zero."""
     code_weight: float = 2e-5
     """Weight of the divergence, in nats, of a code's Gaussian from the mixture; it rises over the first tenth of the
     steps, in which that is N(0, I)."""
     kinds: int = 400
     """Kinds of shapes, each a Gaussian of the mixture beside that of all codes; at most one in eight shapes, and 1 leaves N(0, I)."""
-    code_sigma: float = 0.1
-    """First standard deviation of the codes."""
-    surface_scale: float = 0.05
-    """Distance, canonical, at which a sample weighs half of one on the surface."""
-    inside_weight: float = 4.0
-    """Weight of a sample inside, of which thin parts have few: without it their junctions break."""
-    sign_weight: float = 0.01
-    """Weight of the cross-entropy of the sign: what is inside and what is not."""
-    sign_scale: float = 0.01
-    """Distance, canonical, at which a sign is as good as known."""
-    average_decay: float = 0.999
-    """Decay a step of the running average of the weights that is exported."""
     seed: int = 0
     """Seed of weights, codes and batches."""
     threads: int = 1
@@ -121,7 +123,6 @@ class TrainConfig:
                 "out",
                 "stands",
                 "steps",
-                "cooldown",
                 "threads",
                 "jobs",
                 "device",
@@ -130,6 +131,7 @@ class TrainConfig:
                 "guess",
             }
         }
+        fixed["optimiser"].pop("cooldown")
         return hashlib.sha256(json.dumps(fixed, sort_keys=True, default=str).encode()).hexdigest()[:16]
 
 
@@ -190,7 +192,7 @@ def _train(config: TrainConfig, corpus: Corpus, progress: Progress | None) -> Tr
         rate, risen = schedule(config, step), 10 * step / config.steps
         if risen >= 1 and step % _REFIT == 0:
             model.kinds.fit(**model.codes.tables)
-        optimizer.param_groups[0]["lr"] = config.learning_rate * rate
+        optimizer.param_groups[0]["lr"] = config.optimiser.learning_rate * rate
         batch, pick = _batch(config, step, model.errors)
         batch_points, batch_sdf = points[pick], sdf[pick]
         optimizer.zero_grad(set_to_none=True)
@@ -199,8 +201,7 @@ def _train(config: TrainConfig, corpus: Corpus, progress: Progress | None) -> Tr
         codes = rows["mean"] + (0.5 * rows["log_variance"]).exp() * noise
         with torch.autocast(points.device.type, torch.bfloat16, enabled=step < config.bf16 * config.steps):
             prediction = model.decoder.in_blocks(batch_points, codes).float()
-        errors = distance_errors(prediction, batch_sdf, config.surface_scale, config.inside_weight)
-        errors = errors + config.sign_weight * sign_errors(prediction, batch_sdf, config.sign_scale)
+        errors = sample_errors(prediction, batch_sdf, config.loss)
         model.errors[pick] = errors.detach().to(model.errors)
         loss = errors.mean()
         held = model.kinds.divergence(**rows).mean()
@@ -212,7 +213,7 @@ def _train(config: TrainConfig, corpus: Corpus, progress: Progress | None) -> Tr
                 f"look at the samples (the last good checkpoint is {path})"
             )
         optimizer.step()
-        model.codes.step(batch, rows, config.code_learning_rate * rate)
+        model.codes.step(batch, rows, config.optimiser.code_learning_rate * rate)
         model.update_average(step)
         mean = value if step == 0 else mean + (value - mean) / min(step + 1, 500)
         step += 1
@@ -239,25 +240,10 @@ def load_trained(config: TrainConfig, corpus: Corpus) -> Trained:
     return _trained(config, corpus, model, step, mean)
 
 
-def distance_errors(
-    prediction: Float[Tensor, "..."], sdf: Float[Tensor, "..."], surface_scale: float, inside_weight: float
-) -> Float[Tensor, "..."]:
-    """Absolute errors of unclamped distances, weighted towards the surface and the inside."""
-    weight = (1 + (inside_weight - 1) * (sdf < 0)) / (1 + sdf.abs() / surface_scale)
-    return weight * (prediction - sdf).abs()
-
-
-def sign_errors(
-    prediction: Float[Tensor, "..."], sdf: Float[Tensor, "..."], scale: float
-) -> Float[Tensor, "..."]:
-    """Cross-entropy of which side samples are on; without it thin parts break, and matter is left between them."""
-    return binary_cross_entropy_with_logits(-prediction / scale, (sdf < 0).to(prediction), reduction="none")
-
-
 def schedule(config: TrainConfig, step: int) -> float:
     """Share of the learning rates at a step: linear rise, plateau, linear fall to a fiftieth."""
-    rise = min(1.0, (step + 1) / max(config.warmup, 1))
-    left = (config.steps - step) / max(config.cooldown * config.steps, 1.0)
+    rise = min(1.0, (step + 1) / max(config.optimiser.warmup, 1))
+    left = (config.steps - step) / max(config.optimiser.cooldown * config.steps, 1.0)
     return rise * min(1.0, max(left, 0.02))
 
 
@@ -282,9 +268,9 @@ def _batch(
 ) -> tuple[Int[Tensor, "b"], tuple[Int[Tensor, "b 1"], Int[Tensor, "b k"]]]:
     """The shapes and samples of a step, which its number, the seed and the last errors decide alone."""
     rng = np.random.default_rng([config.seed, step])
-    count = min(config.shapes_per_step, len(errors))
+    count = min(config.optimiser.shapes_per_step, len(errors))
     batch = torch.from_numpy(rng.choice(len(errors), count, replace=False)).to(errors.device)
-    size = (count, config.points_per_shape, config.candidates)
+    size = (count, config.optimiser.points_per_shape, config.optimiser.candidates)
     rows = torch.from_numpy(rng.integers(errors.shape[1], size=size)).to(errors.device)
     worst = errors[batch[:, None, None], rows].argmax(dim=2, keepdim=True)
     return batch, (batch[:, None], rows.gather(2, worst).squeeze(2))
@@ -298,8 +284,8 @@ def _model(config: TrainConfig, shapes: int, samples: int) -> tuple[AutoDecoder,
         config.decoder.code_length,
         max(1, min(config.kinds, shapes // 8)),
         config.seed,
-        config.average_decay,
-        config.code_sigma,
+        config.optimiser.average_decay,
+        config.optimiser.code_sigma,
     )
     return model, torch.optim.Adam(decoder.parameters())
 

@@ -101,15 +101,19 @@ def test_a_verb_that_there_is_not_is_one_line_that_names_those_there_are(argumen
     assert printed.err.count("\n") == 1
 
 
-def test_the_help_of_map_has_what_a_user_turns(capsys):
-    with pytest.raises(SystemExit):
-        main(["map", "--help"])
-    options = re.findall(r"^[│ ]+(--[a-z0-9.-]+)", capsys.readouterr().out, flags=re.MULTILINE)
-    plain = {option for option in options if "." not in option}
-    assert 10 < len(plain) <= 20
-    assert {option for option in options if option not in plain} == {
-        f"--topic.{name}" for name in ("depth", "color", "info", "pose", "world")
-    }
+def options_of(verb: str, flag: str, capsys) -> set[str]:
+    with pytest.raises(SystemExit) as caught:
+        main([verb, flag])
+    assert caught.value.code == 0
+    return set(re.findall(r"^[│ ]+(--[a-z0-9.-]+)", capsys.readouterr().out, flags=re.MULTILINE))
+
+
+@pytest.mark.parametrize("verb", ["map", "train", "train-guess", "evaluate-prior"])
+def test_a_help_has_what_a_user_turns_and_all_of_it_where_asked(verb, capsys):
+    usual, every = options_of(verb, "--help", capsys), options_of(verb, "--help-all", capsys)
+    assert 5 < len(usual) <= 20
+    assert usual == {option for option in every if "." not in option}
+    assert usual < every
 
 
 @pytest.mark.parametrize("arguments", [[], ["fly"], ["map"], ["map", "--dataset", "sample", "--speed", "9"]])

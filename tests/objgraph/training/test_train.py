@@ -25,14 +25,15 @@ from objgraph.training.corpus import Corpus, CorpusConfig, build_corpus
 from objgraph.training.export import attribution, export_command, make_prior, train_command
 from objgraph.training.fit import fit_error
 from objgraph.training.index import CadMesh, heldout_groups, read_index
+from objgraph.training.losses import sign_errors
 from objgraph.training.samples import SampleConfig, SdfSamples
 from objgraph.training.train import (
+    OptimiserConfig,
     TrainConfig,
     Trained,
     checkpoint_path,
     load_trained,
     schedule,
-    sign_errors,
     train,
 )
 from objgraph.training.train_guess import TrainGuessConfig
@@ -64,13 +65,15 @@ def config(tmp_path: Path) -> TrainConfig:
         decoder=DecoderConfig(code_length=4, width=32, depth=3, skip=1),
         normalisation="diagonal",
         steps=12,
-        shapes_per_step=4,
-        points_per_shape=16,
-        warmup=3,
-        learning_rate=3e-3,
-        average_decay=0.9,
+        optimiser=OptimiserConfig(
+            shapes_per_step=4, points_per_shape=16, warmup=3, learning_rate=3e-3, average_decay=0.9
+        ),
         guess=TrainGuessConfig(steps=0),
     )
+
+
+def with_optimiser(config: TrainConfig, **changes) -> TrainConfig:
+    return replace(config, optimiser=replace(config.optimiser, **changes))
 
 
 def weights(trained) -> list[np.ndarray]:
@@ -82,7 +85,7 @@ def weights(trained) -> list[np.ndarray]:
 
 
 def test_loss_falls_and_an_unseen_size_is_found(config: TrainConfig) -> None:
-    config = replace(config, steps=600, points_per_shape=64, cooldown=0.5)
+    config = with_optimiser(replace(config, steps=600), points_per_shape=64, cooldown=0.5)
     losses: list[float] = []
     trained = train(config, BALLS, lambda _, loss: losses.append(loss))
     assert losses[-1] < 0.8 * losses[0]  # of the worst samples
@@ -94,7 +97,9 @@ def test_loss_falls_and_an_unseen_size_is_found(config: TrainConfig) -> None:
 
 def test_in_the_box_frame_all_balls_are_one(config: TrainConfig) -> None:
     corpus = replace(BALLS, training=tuple(squeezed(ball(0.3, i), i) for i in range(8)))
-    config = replace(config, normalisation="box", steps=600, points_per_shape=64, cooldown=0.5)
+    config = with_optimiser(
+        replace(config, normalisation="box", steps=600), points_per_shape=64, cooldown=0.5
+    )
     trained = train(config, corpus)
     assert trained.box is not None
     assert np.linalg.norm(trained.box.extents) == pytest.approx(1)
@@ -194,7 +199,7 @@ def test_nan_stops_the_training_and_writes_nothing(config: TrainConfig) -> None:
 
 
 def test_bfloat16_learns_as_float32_does(config: TrainConfig) -> None:
-    config = replace(config, steps=100, points_per_shape=64)
+    config = with_optimiser(replace(config, steps=100), points_per_shape=64)
     whole = train(replace(config, out=config.out / "whole"), BALLS)
     half = train(replace(config, bf16=True), BALLS)
     assert half.loss != whole.loss
@@ -214,7 +219,7 @@ def test_nothing_to_train_on(config: TrainConfig) -> None:
 
 
 def test_learning_rates_rise_stay_and_fall() -> None:
-    config = TrainConfig(steps=1000, warmup=100, cooldown=0.4)
+    config = TrainConfig(steps=1000, optimiser=OptimiserConfig(warmup=100, cooldown=0.4))
     shares = [schedule(config, step) for step in (0, 99, 500, 800, 999)]
     assert shares[0] == pytest.approx(0.01)
     assert shares[1:3] == [1.0, 1.0]
