@@ -8,8 +8,8 @@ from typing import Annotated, Any
 
 import tyro
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
+from objgraph.cli.progress import progress
 from objgraph.errors import EvaluationError
 from objgraph.priors.registry import load_prior
 from objgraph.training.evaluate import PriorEvaluationConfig, ShapeRow, evaluate_meshes
@@ -61,17 +61,16 @@ def run_evaluate_prior(command: EvaluatePriorCommand, console: Console) -> dict[
     choice: Choice = "heldout" if command.heldout else "all" if command.all else "default"
     meshes = choose_meshes(command.meshes, command.category, prior, choice)
     console.print(f"{len(meshes.names)} meshes: {meshes.chosen}")
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-    with Progress(*columns, console=console, transient=True) as bar:
-        task = bar.add_task("fitting", total=len(meshes.names))
+    count = len(meshes.names)
+    with progress(console, transient=True) as tell:
 
         def report(done: int, total: int, row: ShapeRow) -> None:
-            bar.update(task, completed=done, total=total, description=f"fitted {row.mesh}")
+            tell(f"fitted {row.mesh}", done, total)
 
         rows = evaluate_meshes(prior, meshes, command.config, command.jobs, report)
         random_codes = None
         if command.random_codes:
-            bar.update(task, description="random codes")
+            tell("meshing random codes", count, count)
             random_codes = check_random_codes(
                 prior, command.random_codes, seed=command.config.seed, jobs=command.jobs
             )
@@ -82,11 +81,10 @@ def run_evaluate_prior(command: EvaluatePriorCommand, console: Console) -> dict[
                 for path, name, row in zip(meshes.paths, meshes.names, rows, strict=True)
                 if row.chamfer is not None
             ]
-            bar.update(task, description="first guess", completed=0, total=len(read))
             with TemporaryDirectory() as folder:
                 guess = guess_quality(
                     prior, read, command.config.seed, Path(folder), command.jobs,
-                    progress=lambda done, _: bar.update(task, completed=done),
+                    progress=lambda done, total: tell("drawing scenes for the first guess", done, total),
                 )  # fmt: skip
     prior_file = str(command.prior or f"{prior.category}.safetensors as shipped")
     result = document(prior, prior_file, meshes, rows, command.config, random_codes, guess)

@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn
+from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
 from rich.progress import Progress as Bar
 
 Progress = Callable[[str, int, int], None]
@@ -20,7 +20,8 @@ def progress(console: Console, transient: bool = False) -> Iterator[Progress]:
     if not console.is_terminal:
         yield _Lines(console)
         return
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+    left = TimeRemainingColumn(elapsed_when_finished=True)
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), left)
     bar = Bar(*columns, console=console, transient=transient)
     task = bar.add_task("starting", total=None)
 
@@ -36,23 +37,34 @@ def progress(console: Console, transient: bool = False) -> Iterator[Progress]:
 
 
 class _Lines:
-    """A line whenever more is done than before: what, how many of how many, and the seconds it took."""
+    """A line whenever more is done than before: what, how many of how many, its seconds, and those of what is left."""
 
     def __init__(self, console: Console) -> None:
         self._console = console
         self._what = self._printed = ""
         self._done = self._total = 0
         self._told = self._begun = self._printed_at = time.perf_counter()
+        self._first = (0, self._told)
 
     def __call__(self, what: str, done: int, total: int) -> None:
         now = time.perf_counter()
         if what != self._what:
             self._what, self._begun = what, self._told  # its first step began when the last thing was told
+        if total != self._total:
+            self._first = (max(done - 1, 0), self._told)  # what an earlier run has done took no time
         stepped = done > (self._done if total == self._total else 0)
         self._done, self._total, self._told = done, total, now
         soon = what == self._printed and done < total and now - self._printed_at < _PATIENCE
         if not stepped or soon:
             return
         self._printed, self._printed_at = what, now
-        line = f"{what}: {done} of {total}, {now - self._begun:.1f} s"
+        line = f"{what}: {done} of {total}, {now - self._begun:.1f} s{self._left()}"
         self._console.print(line, markup=False, highlight=False, soft_wrap=True)
+
+    def _left(self) -> str:
+        """At the pace so far, in words."""
+        done, since = self._first
+        seconds = (self._told - since) / (self._done - done) * (self._total - self._done)
+        if seconds < 2:
+            return ""
+        return f", {seconds:.0f} s left" if seconds < 120 else f", {seconds / 60:.0f} min left"

@@ -28,18 +28,22 @@ def lines(monkeypatch):
 def test_one_line_an_object_as_it_is_done(lines):
     steps = [("mapping chair 1", 0, 2), ("mapped chair 1", 1, 2)]
     steps += [("mapping [red] 2", 1, 2), ("failed [red] 2", 2, 2), ("mapped", 2, 2)]
-    assert lines(steps) == ["mapped chair 1: 1 of 2, 1.0 s", "failed [red] 2: 2 of 2, 1.0 s"]
+    assert lines(steps) == ["mapped chair 1: 1 of 2, 1.0 s, 2 s left", "failed [red] 2: 2 of 2, 1.0 s"]
 
 
 def test_many_small_steps_are_told_at_first_at_last_and_now_and_then(lines):
     steps = [("reading frames", i + 1, 100) for i in range(100)]
     assert lines(steps) == [
-        "reading frames: 1 of 100, 1.0 s",
-        "reading frames: 31 of 100, 31.0 s",
-        "reading frames: 61 of 100, 61.0 s",
-        "reading frames: 91 of 100, 91.0 s",
+        "reading frames: 1 of 100, 1.0 s, 99 s left",
+        "reading frames: 31 of 100, 31.0 s, 69 s left",
+        "reading frames: 61 of 100, 61.0 s, 39 s left",
+        "reading frames: 91 of 100, 91.0 s, 9 s left",
         "reading frames: 100 of 100, 100.0 s",
     ]
+
+
+def test_what_an_earlier_run_has_done_says_nothing_of_the_pace(lines):
+    assert lines([("fitted", 90, 100), ("fitted", 91, 100)])[0] == "fitted: 90 of 100, 1.0 s, 10 s left"
 
 
 def test_on_a_terminal_it_is_a_bar():
