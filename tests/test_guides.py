@@ -136,3 +136,11 @@ def test_a_smoother_of_ones_own(scan):
         before = pose
         take_in(smoother, objects, frame, list(scan.instances), X(index))
     assert [entry.name.split()[0] for entry in objects.objects] == ["chair"]
+
+
+def test_many_scenes(scan, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    for name in ("a", "b"):
+        objgraph.ObjectMap(name, (), scan.up_world).save(Path("out/maps") / name)
+    run("many-scenes.md", "ObjectMap.load")
+    assert capsys.readouterr().out.splitlines() == ["a 0 of 0", "b 0 of 0"]
