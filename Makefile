@@ -4,7 +4,7 @@ BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 WORKERS ?= 2
 
-.PHONY: demo test lint types docs clean
+.PHONY: demo test fuzz lint types docs clean
 
 demo: $(STAMP)
 	$(BIN)/objgraph map --dataset sample --out out/demo
@@ -12,6 +12,11 @@ demo: $(STAMP)
 # a file's tests stay in one process, and the long files come first (tests/conftest.py)
 test: $(STAMP) lint types docs
 	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n $(WORKERS) --dist loadfile --no-loadscope-reorder
+
+# FUZZ: malformed inputs of each test; the last line counts them
+FUZZ ?= 1000
+fuzz: $(STAMP)
+	FUZZ=$(FUZZ) OMP_NUM_THREADS=1 $(BIN)/python -m pytest -q -n $(WORKERS) tests/fuzz
 
 lint: $(STAMP)
 	$(BIN)/ruff check .
