@@ -4,7 +4,7 @@ BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 WORKERS ?= 2
 
-.PHONY: demo test fuzz lint types docs clean
+.PHONY: demo test fuzz oldest rehearsal lint types docs clean
 
 demo: $(STAMP)
 	$(BIN)/objgraph map --dataset sample --out out/demo
@@ -17,6 +17,20 @@ test: $(STAMP) lint types docs
 FUZZ ?= 1000
 fuzz: $(STAMP)
 	FUZZ=$(FUZZ) OMP_NUM_THREADS=1 $(BIN)/python -m pytest -q -n $(WORKERS) tests/fuzz
+
+# the tests with the oldest versions that pyproject.toml admits
+oldest:
+	$(PYTHON) -m venv out/oldest
+	out/oldest/bin/python -m pip install --quiet -c constraints-min.txt -e ".[dev]"
+	OMP_NUM_THREADS=1 out/oldest/bin/python -m pytest -n $(WORKERS) --dist loadfile --no-loadscope-reorder
+
+# a release as its user gets it: the wheel, built from the sdist, in an empty environment, run from elsewhere
+rehearsal:
+	rm -rf out/rehearsal && $(PYTHON) -m venv out/rehearsal && mkdir out/rehearsal/elsewhere
+	out/rehearsal/bin/python -m pip install --quiet build
+	out/rehearsal/bin/python -m build --outdir out/rehearsal/dist .
+	out/rehearsal/bin/python -m pip install --quiet -c constraints.txt out/rehearsal/dist/*.whl
+	cd out/rehearsal/elsewhere && ../bin/objgraph map --dataset sample --out demo
 
 lint: $(STAMP)
 	$(BIN)/ruff check .

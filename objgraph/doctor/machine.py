@@ -40,11 +40,11 @@ def _packages() -> Section:
     """The packages that the program needs, then each extra by name."""
     needed = _requirements()
     if not needed:
-        why = Finding(_PACKAGE, "is not installed, so what it needs is not known", "pip install -e .", True)
+        why = Finding(_PACKAGE, "is not installed, so what it needs is not known", "pip install objgraph", True)
         return Section("Packages", findings=(why,))
     rows = [(each.name, _installed(each)) for extra, each in needed if extra is None]
     findings = [
-        Finding(each.name, f"{_installed(each)}; {each.name}{each.specifier} is needed", "pip install -e .")
+        Finding(each.name, f"{_installed(each)}; {each.name}{each.specifier} is needed", "pip install objgraph")
         for extra, each in needed
         if extra is None and not _satisfied(each)
     ]
@@ -82,7 +82,7 @@ def _satisfied(requirement: Requirement) -> bool:
 
 def _extra(extra: str, needed: list[tuple[str | None, Requirement]]) -> str:
     missing = [each.name for name, each in needed if name == extra and not _satisfied(each)]
-    return f"lacks {', '.join(missing)}: pip install -e '.[{extra}]'" if missing else "there"
+    return f"lacks {', '.join(missing)}: pip install 'objgraph[{extra}]'" if missing else "there"
 
 
 def _machine() -> Section:

@@ -25,7 +25,7 @@ from objgraph.training.samples import (
     sample_solid,
     save_samples,
 )
-from objgraph.training.solid import SOLID_VERSION, Solid, solidify
+from objgraph.training.solid import SOLID_VERSION, Solid, require_libraries, solidify
 from objgraph.training.swaps import SWAPPED, swap
 from objgraph.training.warps import random_warp
 
@@ -81,12 +81,15 @@ def build_corpus(
     """Sample every shape of a category, or read its samples from the cache; in `jobs` processes.
 
     Raises:
-        PriorError: the category has no family, or no mesh folder lists it, or one cannot be read.
+        PriorError: the category has no family, no mesh folder lists it, one cannot be read, or the extra `train` is
+            not installed.
     """
     if category not in FAMILIES and not meshes:
         raise PriorError(
             f"category {category!r} has no procedural family ({', '.join(FAMILIES)}): give a folder of meshes"
         )
+    if meshes:
+        require_libraries()
     parts = []
     with _pool(jobs) as pool:
         make = _Maker(corpus, samples, cache, pool, progress)

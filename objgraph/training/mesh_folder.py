@@ -10,6 +10,7 @@ from objgraph.errors import EvaluationError, PriorError
 from objgraph.priors.shape_prior import ShapePrior
 from objgraph.training.index import read_index
 from objgraph.training.mesh_files import SUFFIXES, list_meshes
+from objgraph.training.solid import require_libraries
 
 Choice = Literal["heldout", "all", "default"]
 
@@ -36,8 +37,9 @@ def choose_meshes(
     Raises:
         EvaluationError: there is no such folder, it has no mesh, nothing is held out though asked for, or two folders of one
             name have meshes of one name.
-        PriorError: an index is damaged or none has a mesh of the category.
+        PriorError: an index is damaged, none has a mesh of the category, or the extra `train` is not installed.
     """
+    require_libraries()
     parts, missing = [], []
     for folder in folders:
         try:

@@ -5,6 +5,7 @@ their signed distances); the rest is closed by `point_cloud_utils` (Huang et al.
 Surface Generation Method for ShapeNet Models", 2018); what stays a sheet becomes a thin solid.
 """
 
+import importlib.util
 import multiprocessing
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -142,6 +143,17 @@ class _SheetDistance:
     ) -> Float[np.ndarray, "n"]:
         del boxed
         return self._scene.compute_distance(o3d.core.Tensor(points)).numpy() - SHEET_HALF_THICKNESS
+
+
+def require_libraries() -> None:
+    """Look for what closes and cuts meshes, before work on them begins.
+
+    Raises:
+        PriorError: it is not installed.
+    """
+    missing = [name for name in ("manifold3d", "point_cloud_utils") if importlib.util.find_spec(name) is None]
+    if missing:
+        raise PriorError(f"meshes need {' and '.join(missing)}: pip install 'objgraph[train]'")
 
 
 def solidify(mesh: trimesh.Trimesh, name: str) -> Solid:

@@ -5,6 +5,7 @@ from dataclasses import replace
 import gtsam
 import numpy as np
 import pytest
+from trimesh.sample import sample_surface
 
 from factors.state import ObjectState
 from objgraph.covariance.box import BOX_AXES, box_jacobian, box_pose
@@ -27,7 +28,7 @@ def box_of(state: ObjectState) -> tuple[gtsam.Pose3, np.ndarray]:
 
 def surface_points(code: np.ndarray) -> np.ndarray:
     """Densely on the sides, so that each has its share of points."""
-    return np.concatenate([toy_mesh(code).sample(4000, seed=0), toy_mesh(code).vertices])
+    return np.concatenate([sample_surface(toy_mesh(code), 4000, seed=0)[0], toy_mesh(code).vertices])
 
 
 def test_the_boxs_derivative_is_the_numerical_one():

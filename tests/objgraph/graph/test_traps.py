@@ -224,7 +224,7 @@ def test_read_only_views_never_reach_torch():
     with pytest.warns(UserWarning, match="not writable"):
         torch.as_tensor(T.translation())
     with warnings.catch_warnings():
-        warnings.simplefilter("error")
+        warnings.simplefilter("error", UserWarning)
         objects = seen_chair()
         objects.graph.linearize(objects.values)
         objects.marginals(objects.objects[0])

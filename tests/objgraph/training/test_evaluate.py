@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import trimesh
+from trimesh.sample import sample_surface
 
 from objgraph.cli.main import main
 from objgraph.errors import EvaluationError, PriorError
@@ -267,7 +268,7 @@ def test_what_cannot_be_evaluated_is_one_line_and_no_file(arguments, message, tm
 
 def test_what_no_direction_sees_is_not_measured():
     outer, inner = trimesh.creation.box(np.ones(3)), trimesh.creation.box(0.4 * np.ones(3))
-    points = np.concatenate([mesh.sample(200, seed=0) for mesh in (outer, inner)])
+    points = np.concatenate([sample_surface(mesh, 200, seed=0)[0] for mesh in (outer, inner)])
     seen = seen_from_outside([outer, inner], points)
     assert seen[:200].all()
     assert not seen[200:].any()

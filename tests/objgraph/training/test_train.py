@@ -4,6 +4,7 @@ import json
 import multiprocessing
 import os
 import signal
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -216,6 +217,12 @@ def test_nothing_to_train_on(config: TrainConfig) -> None:
         train(config, replace(BALLS, training=()))
     with pytest.raises(PriorError, match="has not been trained in that folder"):
         load_trained(config, BALLS)
+
+
+def test_meshes_without_the_libraries_for_them_are_refused_before_any_work(tmp_path, monkeypatch) -> None:
+    monkeypatch.setitem(sys.modules, "manifold3d", None)
+    with pytest.raises(PriorError, match=r"meshes need manifold3d: pip install 'objgraph\[train\]'"):
+        build_corpus("chair", [tmp_path], CorpusConfig(), SampleConfig(), tmp_path)
 
 
 def test_learning_rates_rise_stay_and_fall() -> None:
