@@ -40,11 +40,15 @@ def _packages() -> Section:
     """The packages that the program needs, then each extra by name."""
     needed = _requirements()
     if not needed:
-        why = Finding(_PACKAGE, "is not installed, so what it needs is not known", "pip install objgraph", True)
+        why = Finding(
+            _PACKAGE, "is not installed, so what it needs is not known", "pip install objgraph", True
+        )
         return Section("Packages", findings=(why,))
     rows = [(each.name, _installed(each)) for extra, each in needed if extra is None]
     findings = [
-        Finding(each.name, f"{_installed(each)}; {each.name}{each.specifier} is needed", "pip install objgraph")
+        Finding(
+            each.name, f"{_installed(each)}; {each.name}{each.specifier} is needed", "pip install objgraph"
+        )
         for extra, each in needed
         if extra is None and not _satisfied(each)
     ]

@@ -92,10 +92,15 @@ class ObjectMap:
         path = folder / map_files.DOCUMENT
         document = map_files.read_document(folder)
         map_json.require(document, ("version", "scene", "up_world", "objects"), f"{path}")
-        if document["version"] != VERSION:
-            raise MapError(
-                f"{path}: version {document['version']!r} is not {VERSION}, which this reader knows"
+        version = document["version"]
+        if version != VERSION:
+            newer = isinstance(version, int) and version > VERSION
+            what = (
+                f"newer than {VERSION}, the last that is known here: update objgraph"
+                if newer
+                else f"not {VERSION}"
             )
+            raise MapError(f"{path}: of format {version!r}, {what}")
         if not isinstance(document["objects"], list):
             raise MapError(f"{path}: objects is no list")
         objects = [map_json.from_json(entry, i, folder) for i, entry in enumerate(document["objects"])]

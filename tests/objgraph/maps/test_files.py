@@ -185,8 +185,8 @@ def broken(folder, change):
     ("change", "complaint"),
     [
         (lambda d: d.pop("scene"), "scene missing"),
-        (lambda d: d.update(version=99), "version 99"),
-        (lambda d: d.update(version=5), "version 5 "),
+        (lambda d: d.update(version=99), "of format 99, newer"),
+        (lambda d: d.update(version=5), "of format 5, not"),
         (lambda d: d["objects"][0].pop("other"), r"objects\[0\]: other missing"),
         (lambda d: d["objects"][0].update(other=3), r"objects\[0\]: other estimate must have estimator, T_w"),
         (
