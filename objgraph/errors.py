@@ -51,6 +51,10 @@ class MapError(ObjectGraphError, ValueError):
     """A saved map cannot be read or written."""
 
 
+class OutputError(ObjectGraphError):
+    """A picture or a document cannot be written."""
+
+
 class ViewError(ObjectGraphError, ValueError):
     """The viewer's package is missing, it cannot be started, or a recording cannot be made or written."""
 

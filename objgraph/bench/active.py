@@ -23,7 +23,6 @@ from typing import Any
 import gtsam
 import matplotlib.pyplot as plt
 import numpy as np
-import torch
 import tyro
 from rich.progress import track
 
@@ -31,6 +30,7 @@ from factors.state import ObjectState
 from objgraph.active.cameras import reachable, sphere
 from objgraph.active.next_view import Criterion, NextViewConfig, ViewGain, next_views
 from objgraph.active.target import Target, target
+from objgraph.atomic import write_file
 from objgraph.bench.comparison.objects.calibration import RIGHT_MODE_DEG
 from objgraph.bench.metrics.box_error import box_error, corners_m
 from objgraph.bench.metrics.metrics import evaluate_object
@@ -48,6 +48,7 @@ from objgraph.observation.sampling import ObjectView, SamplingConfig, observe
 from objgraph.priors.mesh import extract_mesh
 from objgraph.priors.registry import load_prior
 from objgraph.priors.shape_prior import ShapePrior
+from objgraph.processes import begin_worker
 from objgraph.show.next_view import sphere_picture
 from objgraph.synthetic.camera import intrinsics
 
@@ -335,7 +336,7 @@ def main(arguments: Arguments) -> None:
     done = {r["object"] for r in kept["rows"]}
     missing = [case for case in cases if case.id not in done]
     threads = max(1, (os.cpu_count() or 1) // arguments.jobs)
-    with ProcessPoolExecutor(arguments.jobs, get_context("spawn"), torch.set_num_threads, (threads,)) as pool:
+    with ProcessPoolExecutor(arguments.jobs, get_context("spawn"), begin_worker, (threads,)) as pool:
         pictures = {cases[0].id: arguments.out / "information.png"}
         running = {pool.submit(run, case, arguments, pictures.get(case.id)): case for case in missing}
         for one in track(as_completed(running), "objects", total=len(running)):
@@ -343,12 +344,10 @@ def main(arguments: Arguments) -> None:
                 kept["rows"] += one.result()
             except ObjectGraphError as error:
                 print(f"{running[one].id} is left out: {error}")
-            part = store.with_suffix(".part")
-            part.write_text(json.dumps(kept) + "\n")
-            part.replace(store)
+            write_file(store, (json.dumps(kept) + "\n").encode())
     chosen = [r for r in kept["rows"] if r["object"] in {case.id for case in cases}]
     metrics = summary(chosen, arguments)
-    (arguments.out / "metrics.json").write_text(json.dumps(metrics, indent=2) + "\n")
+    write_file(arguments.out / "metrics.json", (json.dumps(metrics, indent=2) + "\n").encode())
     draw(metrics, arguments.out / "active_vision.png")
     print({k: v for k, v in metrics.items() if k not in ("curves", "curves_right", "settings")})
 

@@ -20,12 +20,12 @@ from pathlib import Path
 import gtsam
 import matplotlib.pyplot as plt
 import numpy as np
-import torch
 import tyro
 from gtsam.symbol_shorthand import X
 from rich.progress import track
 from scipy.stats import chi2
 
+from objgraph.atomic import write_file
 from objgraph.datasets.registry import load_scan
 from objgraph.datasets.trajectory import Trajectory, absolute_trajectory_error, write_tum
 from objgraph.errors import InitialisationError, ObservationError
@@ -33,6 +33,7 @@ from objgraph.graph.object_graph import ObjectGraph
 from objgraph.maps.pipeline import scene_floor
 from objgraph.observation.frames import Frame, FrameSource, Scan
 from objgraph.observation.sampling import SamplingConfig, observe, rigid_pose
+from objgraph.processes import begin_worker
 from objgraph.slam.odometry import OdometryNoise, dead_reckoning, drifting_motions
 
 FEW = SamplingConfig(
@@ -171,7 +172,7 @@ def main(arguments: Arguments) -> None:
     rows = finished(arguments)
     missing = [seed for seed in range(arguments.seeds) if seed not in rows]
     threads = max(1, (os.cpu_count() or 1) // arguments.jobs)
-    with ProcessPoolExecutor(arguments.jobs, get_context("spawn"), torch.set_num_threads, (threads,)) as pool:
+    with ProcessPoolExecutor(arguments.jobs, get_context("spawn"), begin_worker, (threads,)) as pool:
         running = {pool.submit(run, arguments, seed): seed for seed in missing}
         for done in as_completed(running):
             seed, (metrics, paths) = running[done], done.result()
@@ -206,9 +207,7 @@ def write_metrics(arguments: Arguments, rows: dict[int, dict[str, float]]) -> di
     means = {name: float(np.mean([row[name] for row in rows.values()])) for name in next(iter(rows.values()))}
     each = [{"seed": seed, **rows[seed]} for seed in sorted(rows)]
     document = {**means, "settings": settings(arguments), "seeds": each}
-    part = arguments.out / "metrics.json.part"
-    part.write_text(json.dumps(document, indent=1) + "\n")
-    part.replace(arguments.out / "metrics.json")
+    write_file(arguments.out / "metrics.json", (json.dumps(document, indent=1) + "\n").encode())
     return means
 
 

@@ -15,6 +15,7 @@ from objgraph.active.cameras import sphere
 from objgraph.active.from_map import targets_from_map
 from objgraph.active.next_view import Criterion, NextViewConfig, ViewGain, next_views
 from objgraph.active.target import Target
+from objgraph.atomic import write_file
 from objgraph.datasets.trajectory import read_tum
 from objgraph.maps.object_map import ObjectMap
 from objgraph.observation.frames import Intrinsics
@@ -131,7 +132,6 @@ def _write(
     object_map: ObjectMap,
 ) -> None:
     criterion = command.criterion
-    out.mkdir(parents=True, exist_ok=True)
     document: dict[str, Any] = {
         "scene": object_map.scene,
         "criterion": criterion,
@@ -144,7 +144,7 @@ def _write(
             for view in views
         ],
     }
-    (out / "next_views.json").write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
+    write_file(out / "next_views.json", (json.dumps(document, indent=1) + "\n").encode())
     for entry in targets:
         own = sorted(
             _about(entry, views, command), key=lambda view: -getattr(view.objects[entry.name], criterion)

@@ -2,7 +2,6 @@
 
 import json
 import logging
-import os
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -13,6 +12,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from objgraph.atomic import write_file
 from objgraph.errors import PriorError
 from objgraph.priors.categories import LABELS
 from objgraph.priors.registry import WEIGHTS
@@ -185,12 +185,5 @@ def _or_dash(value: float | int | None, form: str) -> str:
 
 
 def _write(path: Path, entries: list[PriorEntry]) -> None:
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        temporary.write_text(json.dumps({"priors": [asdict(entry) for entry in entries]}, indent=2) + "\n")
-        os.replace(temporary, path)
-    except OSError as error:
-        raise PriorError(f"{path} cannot be written: {error}") from error
-    finally:
-        temporary.unlink(missing_ok=True)
+    document = json.dumps({"priors": [asdict(entry) for entry in entries]}, indent=2) + "\n"
+    write_file(path, document.encode(), PriorError)

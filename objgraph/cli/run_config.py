@@ -8,8 +8,9 @@ from typing import Any, TypeVar
 
 import dacite
 
-from objgraph.errors import ConfigError, DatasetError
-from objgraph.maps.files import refuse_constant, replace_file
+from objgraph.atomic import write_file
+from objgraph.errors import ConfigError, DatasetError, MapError
+from objgraph.maps.files import refuse_constant
 from objgraph.maps.lidar import LidarMappingConfig
 from objgraph.maps.pipeline import MappingConfig
 from objgraph.version import program_version
@@ -68,9 +69,9 @@ class MapRun:
     """The latter for the scans of a LiDAR."""
 
     def save(self, folder: Path) -> None:
-        """Write `config.json` at once."""
+        """Write `config.json` at once; raises MapError."""
         document = {_PROGRAM: program_version(), **asdict(self.source), _SETTINGS: asdict(self.settings)}
-        replace_file(folder / CONFIG, (json.dumps(document, indent=2, default=str) + "\n").encode())
+        write_file(folder / CONFIG, (json.dumps(document, indent=2, default=str) + "\n").encode(), MapError)
 
 
 def read_run(

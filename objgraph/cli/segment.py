@@ -1,7 +1,6 @@
 """What the command line does with colour images: `objgraph segment` writes the masks that are missing."""
 
 import json
-import os
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -13,7 +12,7 @@ from jaxtyping import Float, UInt8
 from rich.console import Console
 from rich.progress import track
 
-from objgraph.atomic_folder import write_folder
+from objgraph.atomic import write_file, write_folder
 from objgraph.cli.run_config import Topics
 from objgraph.datasets.bag.load import Recording, pick_bag
 from objgraph.datasets.files import LazyFrames, decode_color, pick_folder, read_bytes
@@ -168,9 +167,8 @@ def _scan(scan: _Unmasked, out: Path, segmenter: Segmenter, up: Float[np.ndarray
         else:
             path.unlink()
     instances = {str(number): category for number, category in linked.categories.items()}
-    part = scan.folder / "instances.json.part"
-    part.write_text(json.dumps({"up_world": up.tolist(), "instances": instances}, indent=1) + "\n")
-    os.replace(part, scan.folder / "instances.json")
+    document = json.dumps({"up_world": up.tolist(), "instances": instances}, indent=1) + "\n"
+    write_file(scan.folder / "instances.json", document.encode(), DatasetError)
 
 
 def _up(command: SegmentCommand, scan: _Unmasked) -> Float[np.ndarray, "3"]:

@@ -1,7 +1,6 @@
 """Trajectories as text in the TUM format, which SLAM systems write and evo reads, and their absolute error."""
 
 import logging
-import os
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,6 +10,7 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.spatial.transform import Rotation
 
+from objgraph.atomic import write_file
 from objgraph.errors import DatasetError, EvaluationError
 
 log = logging.getLogger(__name__)
@@ -120,16 +120,7 @@ def write_tum(path: Path, trajectory: Trajectory) -> None:
     quaternions = Rotation.from_matrix(trajectory.T_world_camera[:, :3, :3]).as_quat(canonical=True)
     rows = np.column_stack([trajectory.timestamps, trajectory.positions, quaternions]).tolist()
     lines = [f"# {_FORM}", *(" ".join(map(repr, row)) for row in rows)]
-    temporary = path.with_name(f".{path.name}.tmp")
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        try:
-            temporary.write_text("\n".join(lines) + "\n", encoding="utf-8")
-            os.replace(temporary, path)
-        finally:
-            temporary.unlink(missing_ok=True)
-    except OSError as error:
-        raise DatasetError(f"{path}: the trajectory cannot be written there ({error})") from error
+    write_file(path, ("\n".join(lines) + "\n").encode(), DatasetError)
 
 
 def associate(

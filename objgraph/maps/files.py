@@ -8,7 +8,7 @@ import hashlib
 import io
 import json
 import os
-import tempfile
+import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -18,6 +18,7 @@ import safetensors.numpy
 import trimesh
 from jaxtyping import Float, Int, UInt8
 
+from objgraph.atomic import write_file
 from objgraph.errors import MapError
 
 DOCUMENT = "map.json"
@@ -27,6 +28,8 @@ MESH, JOINT = ".glb", ".safetensors"
 """What the names of an object's files end with."""
 FILES = {"mesh": MESH, "joint_covariance": JOINT}
 """The fields of an object's entry that name a file."""
+_OBJECT = re.compile(rf"object_-?\d+_[0-9a-f]{{8}}({re.escape(MESH)}|{re.escape(JOINT)})")
+"""Names that `surface_name` and `covariance_name` give."""
 _COVARIANCE = "covariance"
 _SIGMA = "_SIGMA"
 """GLB's name of the attribute that holds each vertex's standard deviation in metres."""
@@ -120,7 +123,7 @@ def read_document(folder: Path) -> dict[str, Any]:
 
 
 def commit(folder: Path, document: Mapping[str, Any], files: Mapping[str, bytes]) -> None:
-    """Write the objects' files, then replace the document, then remove the files that only the old one named.
+    """Write the objects' files, then replace the document, then remove the files of objects that it does not name.
 
     Other files in the folder are left alone.
 
@@ -132,25 +135,14 @@ def commit(folder: Path, document: Mapping[str, Any], files: Mapping[str, bytes]
     except (TypeError, ValueError) as error:
         raise MapError(f"{folder / DOCUMENT}: the map cannot be written as JSON ({error})") from error
     try:
-        folder.mkdir(parents=True, exist_ok=True)
-        stale = _named_files(folder) - set(files)
         for name, data in files.items():
-            replace_file(folder / name, data)
-        replace_file(folder / DOCUMENT, text.encode())
-        for name in stale:
-            (folder / name).unlink(missing_ok=True)
+            write_file(folder / name, data, MapError)
+        write_file(folder / DOCUMENT, text.encode(), MapError)
+        for path in folder.iterdir():
+            if _OBJECT.fullmatch(path.name) and path.name not in files:
+                path.unlink(missing_ok=True)
     except OSError as error:
         raise MapError(f"{folder}: the map cannot be written here ({error})") from error
-
-
-def _named_files(folder: Path) -> set[str]:
-    """Files of this folder that the present document, if it can be read, calls its objects'."""
-    try:
-        objects = read_document(folder).get("objects", [])
-        names = {(entry.get(key), end) for entry in objects for key, end in FILES.items()}
-    except (MapError, TypeError, AttributeError):
-        return set()
-    return {name for name, end in names if is_plain_name(name, end)}
 
 
 def is_plain_name(name: Any, end: str) -> bool:
@@ -158,21 +150,6 @@ def is_plain_name(name: Any, end: str) -> bool:
     return (
         isinstance(name, str) and name == os.path.basename(name) and "\\" not in name and name.endswith(end)
     )
-
-
-def replace_file(path: Path, data: bytes) -> None:
-    """Write a file at once; raises OSError where that is impossible."""
-    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
-    try:
-        with os.fdopen(handle, "wb") as file:
-            file.write(data)
-            file.flush()
-            os.fsync(file.fileno())
-        os.chmod(temporary, 0o644)
-        os.replace(temporary, path)
-    except BaseException:
-        Path(temporary).unlink(missing_ok=True)
-        raise
 
 
 def refuse_constant(name: str) -> float:

@@ -1,27 +1,24 @@
 """Tensors with JSON metadata in one safetensors file, replaced atomically."""
 
 import json
-import os
 from pathlib import Path
 
 from safetensors import SafetensorError, safe_open
-from safetensors.torch import save_file
+from safetensors.torch import save
 from torch import Tensor
 
+from objgraph.atomic import write_file
 from objgraph.errors import PriorError
 
 
 def save_tensors(tensors: dict[str, Tensor], metadata: dict, path: Path) -> None:
-    """Write tensors with JSON metadata; a process killed meanwhile leaves the old file whole."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
-    try:
-        whole = {name: tensor.detach().contiguous().clone() for name, tensor in tensors.items()}
-        save_file(whole, temporary, {"json": json.dumps(metadata)})
-        temporary.chmod(0o644)
-        os.replace(temporary, path)
-    finally:
-        temporary.unlink(missing_ok=True)
+    """Write tensors with JSON metadata; a process killed meanwhile leaves the old file whole.
+
+    Raises:
+        PriorError: the file cannot be written.
+    """
+    whole = {name: tensor.detach().contiguous().clone() for name, tensor in tensors.items()}
+    write_file(path, save(whole, {"json": json.dumps(metadata)}), PriorError)
 
 
 def load_tensors(path: Path) -> tuple[dict[str, Tensor], dict]:

@@ -1,8 +1,6 @@
 """The frame of a picture: panels in a row, a colour bar in centimetres, labels, and a PNG of bounded size."""
 
 import io
-import os
-import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -14,6 +12,7 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from PIL import Image
 
+from objgraph.atomic import write_file
 from objgraph.maps.colors import sigma_colormap
 
 _BYTES = 950_000
@@ -69,7 +68,7 @@ def label(axis: Axes, texts: Sequence[str], uv: Float[np.ndarray, "n 2"]) -> Non
 
 
 def finish(figure: Figure, bar: Axes | None, limit: float | None, path: Path) -> None:
-    """Draw the colour bar from 0 to `limit` metres and write the file."""
+    """Draw the colour bar from 0 to `limit` metres and write the file; raises OutputError."""
     if bar is not None and limit is not None:
         mappable = ScalarMappable(Normalize(0, 100 * limit), sigma_colormap())
         figure.colorbar(mappable, cax=bar, extend="max")
@@ -80,21 +79,12 @@ def finish(figure: Figure, bar: Axes | None, limit: float | None, path: Path) ->
 
 
 def _write_png(path: Path, image: Image.Image) -> None:
-    """Write atomically; in 256 colours, then smaller, where the file would be too large."""
+    """In 256 colours, then smaller, where the file would be too large."""
     data = _png(image)
     while len(data) > _BYTES:
         data = _png(image.quantize(256, dither=Image.Dither.NONE))
         image = image.resize((image.width * 9 // 10, image.height * 9 // 10), Image.Resampling.LANCZOS)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
-    try:
-        with os.fdopen(handle, "wb") as file:
-            file.write(data)
-        os.chmod(temporary, 0o644)
-        os.replace(temporary, path)
-    except BaseException:
-        Path(temporary).unlink(missing_ok=True)
-        raise
+    write_file(path, data)
 
 
 def _png(image: Image.Image) -> bytes:

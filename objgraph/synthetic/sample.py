@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from objgraph.atomic_folder import ensure_folder, write_folder
+from objgraph.atomic import ensure_folder, write_folder
 from objgraph.synthetic.camera import CameraConfig, camera_matrix, camera_path
 from objgraph.synthetic.files import write_frame, write_ground_truth, write_scan_description
 from objgraph.synthetic.render import Renderer

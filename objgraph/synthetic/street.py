@@ -17,7 +17,7 @@ import trimesh
 from jaxtyping import Float
 from matplotlib.colors import hsv_to_rgb
 
-from objgraph.atomic_folder import ensure_folder
+from objgraph.atomic import ensure_folder
 from objgraph.families import FAMILIES
 from objgraph.geometry.frames import transformed
 from objgraph.observation.lidar.kitti_box import KittiBox

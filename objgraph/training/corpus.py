@@ -6,14 +6,15 @@ from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cache, lru_cache, partial
-from multiprocessing import get_context
 from pathlib import Path
 
 import numpy as np
 import trimesh
 
+from objgraph.atomic import write_file
 from objgraph.errors import PriorError
 from objgraph.families import FAMILIES, draw
+from objgraph.processes import process_pool
 from objgraph.training.index import HELDOUT_SHARE, CadMesh, heldout_groups, read_index
 from objgraph.training.joined import joined
 from objgraph.training.mesh_files import canonical, read_mesh
@@ -138,12 +139,8 @@ def _pool(jobs: int) -> Iterator[ProcessPoolExecutor | None]:
     if jobs == 1:
         yield None
         return
-    with ProcessPoolExecutor(jobs, get_context("spawn")) as pool:
-        try:
-            yield pool
-        except BaseException:
-            pool.shutdown(wait=False, cancel_futures=True)
-            raise
+    with process_pool(jobs, PriorError) as pool:
+        yield pool
 
 
 @dataclass(frozen=True)
@@ -293,8 +290,7 @@ def _cached(
     try:
         samples = sample_solid(solid(), config, seed=int(key[:8], 16), measured=measured)
     except PriorError as error:
-        cache.mkdir(parents=True, exist_ok=True)
-        refused.write_text(str(error))
+        write_file(refused, str(error).encode(), PriorError)
         raise
     samples = replace(samples, name=name)
     save_samples(samples, path)

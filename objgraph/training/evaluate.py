@@ -10,12 +10,12 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-import torch
 from jaxtyping import Bool, Float
 
 from objgraph.errors import ObjectGraphError
 from objgraph.priors.mesh import mesh_of_grid, sdf_grid
 from objgraph.priors.shape_prior import ShapePrior
+from objgraph.processes import begin_worker
 from objgraph.training.code_search import SearchConfig, sample_rows, search
 from objgraph.training.mesh_folder import ChosenMeshes
 from objgraph.training.partial import PartialConfig, fit_view
@@ -172,7 +172,7 @@ def _rows(
         for task in tasks:
             yield evaluate_mesh(*task)
         return
-    with ProcessPoolExecutor(jobs, get_context("spawn"), torch.set_num_threads, (1,)) as pool:
+    with ProcessPoolExecutor(jobs, get_context("spawn"), begin_worker) as pool:
         futures = {pool.submit(evaluate_mesh, *task): task[2] for task in tasks}
         for future in as_completed(futures):
             try:

@@ -1,11 +1,9 @@
 """Rendered views of a prior's shapes, drawn by several processes and kept: what a first guess is trained on."""
 
-import os
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
-from multiprocessing import get_context
 from pathlib import Path
 
 import numpy as np
@@ -14,13 +12,15 @@ import trimesh
 from jaxtyping import Bool, Float, Int
 from numpy.random import Generator
 from safetensors import SafetensorError
-from safetensors.numpy import load_file, save_file
+from safetensors.numpy import load_file, save
 
+from objgraph.atomic import write_file
 from objgraph.errors import PriorError, SolveError
 from objgraph.observation.clouds import ViewCloud, cloud, view_cloud
 from objgraph.priors.first_guess import QUARTERS, FirstGuessConfig, place_in_quarter
 from objgraph.priors.mesh import extract_mesh
 from objgraph.priors.shape_prior import ShapePrior
+from objgraph.processes import process_pool
 from objgraph.training.guess_scenes import UP, VIEWS, SceneConfig, SeenObject, draw_seen
 
 _SURFACE, _FREE = 200, 100
@@ -106,11 +106,10 @@ def draw_all(
     Raises:
         PriorError: none is left.
     """
-    cache.mkdir(parents=True, exist_ok=True)
     work = partial(_drawn, prior=prior, each=each, config=config, seed=seed, cache=cache)
     parts: list[dict[str, np.ndarray]] = []
-    with get_context("fork").Pool(jobs, initializer=torch.set_num_threads, initargs=(1,)) as pool:
-        for i, part in enumerate(pool.imap(work, enumerate(shapes), chunksize=4)):
+    with process_pool(jobs, PriorError, "fork") as pool:
+        for i, part in enumerate(pool.map(work, enumerate(shapes), chunksize=4)):
             if part:
                 count = len(part["views"])
                 parts.append({**part, "shape": np.full(count, i)})
@@ -179,9 +178,7 @@ def _drawn(
     if not rows:
         return {}
     part = {key: np.stack([row[key] for row in rows]) for key in rows[0]}
-    temporary = path.with_suffix(f".{os.getpid()}.tmp")
-    save_file(part, temporary)
-    os.replace(temporary, path)
+    write_file(path, save(part), PriorError)
     return part
 
 

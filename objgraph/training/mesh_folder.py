@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
+from objgraph.atomic import write_file
 from objgraph.errors import EvaluationError, PriorError
 from objgraph.priors.shape_prior import ShapePrior
 from objgraph.training.index import read_index
@@ -97,12 +98,4 @@ def write_json(document: dict[str, Any], path: Path) -> None:
     Raises:
         EvaluationError: the file cannot be written.
     """
-    temporary = path.with_name(f".{path.name}.tmp")
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        temporary.write_text(json.dumps(document, indent=2, allow_nan=False) + "\n")
-        temporary.replace(path)
-    except OSError as error:
-        raise EvaluationError(f"{path} cannot be written: {error}") from error
-    finally:
-        temporary.unlink(missing_ok=True)
+    write_file(path, (json.dumps(document, indent=2, allow_nan=False) + "\n").encode(), EvaluationError)

@@ -1,17 +1,15 @@
 """Whether every code that the prior holds for likely is a shape: has a surface, in one piece, as large as the box."""
 
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from functools import partial
-from multiprocessing import get_context
 
 import numpy as np
-import torch
 from jaxtyping import Float
 
-from objgraph.errors import SolveError
+from objgraph.errors import EvaluationError, SolveError
 from objgraph.priors.mesh import extract_mesh
 from objgraph.priors.shape_prior import ShapePrior
+from objgraph.processes import process_pool
 from objgraph.training.joined import WHOLE, pieces
 
 BOX_TOLERANCE = 0.03
@@ -50,7 +48,7 @@ def check_random_codes(
     if jobs == 1:
         found = [look(code) for code in codes]
     else:
-        with ProcessPoolExecutor(jobs, get_context("spawn"), torch.set_num_threads, (1,)) as pool:
+        with process_pool(jobs, EvaluationError) as pool:
             found = list(pool.map(look, codes, chunksize=8))
     meshed = [each for each in found if each is not None]
     return RandomCodes(

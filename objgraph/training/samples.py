@@ -2,7 +2,6 @@
 
 import hashlib
 import logging
-import os
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -11,8 +10,9 @@ import numpy as np
 import trimesh
 from jaxtyping import Float
 from safetensors import SafetensorError
-from safetensors.numpy import load_file, save_file
+from safetensors.numpy import load_file, save
 
+from objgraph.atomic import write_file
 from objgraph.errors import PriorError
 from objgraph.training.solid import SHEET_HALF_THICKNESS, Solid, SolidDistance
 
@@ -113,14 +113,11 @@ def cache_key(meshes: Sequence[trimesh.Trimesh], config: SampleConfig, *extra: o
 
 
 def save_samples(samples: SdfSamples, path: Path) -> None:
-    """Write atomically."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = path.with_suffix(f".{os.getpid()}.tmp")
+    """Write atomically; raises PriorError where that is impossible."""
     tensors = {"points": samples.points, "sdf": samples.sdf, "extents": samples.extents}
     if samples.surface is not None:
         tensors["surface"] = samples.surface
-    save_file(tensors, temporary)
-    os.replace(temporary, path)
+    write_file(path, save(tensors), PriorError)
 
 
 def load_samples(path: Path, name: str) -> SdfSamples | None:

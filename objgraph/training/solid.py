@@ -7,6 +7,7 @@ Surface Generation Method for ShapeNet Models", 2018); what stays a sheet become
 
 import importlib.util
 import multiprocessing
+import signal
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -236,7 +237,8 @@ def _watertight(mesh: trimesh.Trimesh, name: str) -> trimesh.Trimesh:
         np.asarray(mesh.faces, np.int32),
         _WATERTIGHT_RESOLUTION,
     )
-    with multiprocessing.get_context("fork").Pool(1) as pool:
+    # it ends by itself, too, should this process be killed
+    with multiprocessing.get_context("fork").Pool(1, signal.alarm, (2 * _WATERTIGHT_SECONDS,)) as pool:
         try:
             vertices, faces = pool.apply_async(_manifold, arguments).get(_WATERTIGHT_SECONDS)
         except multiprocessing.TimeoutError as error:

@@ -7,11 +7,12 @@ from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any
 
+from objgraph.atomic import write_file
 from objgraph.bench.metrics.metrics import Evaluation, evaluate_object
 from objgraph.datasets.ground_truth import GroundTruth
 from objgraph.errors import EvaluationError
 from objgraph.geometry.frames import transformed_back
-from objgraph.maps.files import EVALUATION, replace_file
+from objgraph.maps.files import EVALUATION
 from objgraph.maps.mapped_object import MappedObject
 from objgraph.maps.object_map import ObjectMap
 
@@ -43,9 +44,10 @@ class MapErrors:
             "objects": [{"id": number, **errors} for number, errors in self.objects.items()],
         }
         try:
-            replace_file(path, (json.dumps(document, indent=1, allow_nan=False) + "\n").encode())
-        except (OSError, ValueError) as error:
-            raise EvaluationError(f"{path}: the errors cannot be written ({error})") from error
+            text = json.dumps(document, indent=1, allow_nan=False) + "\n"
+        except ValueError as error:
+            raise EvaluationError(f"{path}: the errors cannot be written as JSON ({error})") from error
+        write_file(path, text.encode(), EvaluationError)
 
 
 def evaluate_map(object_map: ObjectMap, truths: Mapping[int, GroundTruth], seed: int = 0) -> MapErrors:

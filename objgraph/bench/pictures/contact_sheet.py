@@ -1,6 +1,5 @@
 """Pictures of the procedural families: `python -m objgraph.bench.pictures.contact_sheet --category car --out FILE`."""
 
-import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,6 +10,7 @@ import tyro
 from jaxtyping import Float
 from PIL import Image
 
+from objgraph.atomic import new_file
 from objgraph.families import FAMILIES
 from objgraph.geometry.frames import look_at
 from objgraph.observation.frames import Intrinsics
@@ -82,14 +82,9 @@ def contact_sheet(config: SheetConfig) -> None:
 
 
 def _write(path: Path, image: Image.Image) -> None:
-    """Write atomically, in 64 colours: the meshes have one."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = path.with_name(f".{path.name}.part")
-    try:
-        image.quantize(64, dither=Image.Dither.NONE).save(temporary, format="PNG", optimize=True)
-        os.replace(temporary, path)
-    finally:
-        temporary.unlink(missing_ok=True)
+    """In 64 colours: the meshes have one."""
+    with new_file(path) as unfinished:
+        image.quantize(64, dither=Image.Dither.NONE).save(unfinished, format="PNG", optimize=True)
 
 
 if __name__ == "__main__":

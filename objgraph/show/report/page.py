@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
+from objgraph.atomic import write_file
 from objgraph.errors import MapError
-from objgraph.maps.files import replace_file
 from objgraph.show.report.contents import map_contents
 from objgraph.show.report.views import ObjectPicture
 from objgraph.version import program_version
@@ -44,10 +44,7 @@ def write_report(
     }  # fmt: skip
     # in one pass: what is put in may look like a mark
     page = re.sub(r"\{\{(\w+)\}\}", lambda mark: parts[mark[1]], _asset("report.html"))
-    try:
-        replace_file(folder / REPORT, page.encode())
-    except OSError as error:
-        raise MapError(f"{folder / REPORT}: cannot be written ({error})") from error
+    write_file(folder / REPORT, page.encode(), MapError)
     return folder / REPORT
 
 

@@ -2,13 +2,13 @@
 
 import os
 import sys
-import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 import rerun as rr
 
+from objgraph.atomic import write_file
 from objgraph.errors import ViewError
 
 ENDING = ".rrd"
@@ -33,18 +33,9 @@ def save_recording(recording: rr.RecordingStream, path: Path | str) -> Path:
     path = Path(path)
     if path.suffix != ENDING:
         raise ViewError(f"{path}: the viewer knows recordings by their ending; name it {path.name}{ENDING}")
-    try:
-        handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=ENDING)
-        os.close(handle)
-        try:
-            recording.save(temporary)
-            recording.disconnect()
-            os.chmod(temporary, 0o644)
-            os.replace(temporary, path)
-        finally:
-            Path(temporary).unlink(missing_ok=True)
-    except (OSError, RuntimeError) as error:
-        raise ViewError(f"{path}: the recording cannot be written ({error})") from error
+    # its own writing to a file never ends where the disk is full
+    write_file(path, recording.memory_recording().drain_as_bytes(), ViewError)
+    recording.disconnect()
     return path
 
 

@@ -337,7 +337,7 @@ def test_a_missing_package_is_named_with_the_extra_that_has_it(saved, monkeypatc
     ("arguments", "problem"),
     [
         (["--save", "x.txt"], "name it x.txt.rrd"),
-        (["--save", "nowhere/x.rrd"], "nowhere/x.rrd: the recording cannot be written"),
+        (["--save", "map.json/x.rrd"], "map.json/x.rrd: cannot be written"),
         (["--frames", "0"], "at least one"),
         (["--solve", "1"], "config.json: not a readable JSON file"),
     ],

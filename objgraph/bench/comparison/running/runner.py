@@ -1,19 +1,17 @@
 """Runs what is not done yet, in this process or in several, and hands over rows as they come."""
 
 import logging
-import os
-import signal
-import threading
 from collections.abc import Generator, Iterator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import suppress
-from multiprocessing import active_children, get_context, parent_process
+from multiprocessing import active_children, get_context
 from typing import Protocol, TypeVar
 
 import torch
 
 from objgraph.errors import EvaluationError
+from objgraph.processes import begin_worker
 
 Row = TypeVar("Row")
 Made = TypeVar("Made", covariant=True)
@@ -82,17 +80,8 @@ def _died(cases: Sequence[str]) -> EvaluationError:
 
 
 def _begin() -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent sees to it
     logging.getLogger().setLevel(logging.ERROR)  # what matters is in the rows
-    torch.set_num_threads(1)
-    # a pool's processes would go on for ever after a parent that was killed
-    threading.Thread(target=_end_with_parent, daemon=True).start()
-
-
-def _end_with_parent() -> None:
-    if (parent := parent_process()) is not None:
-        parent.join()
-        os._exit(1)
+    begin_worker()
 
 
 def _rows(job: Job[Row]) -> list[Row]:

@@ -10,6 +10,7 @@ from dataclasses import Field, asdict
 from pathlib import Path
 from typing import Any, ClassVar, Generic, Protocol, Self, TypeVar
 
+from objgraph.atomic import write_file
 from objgraph.bench.comparison.running.runner import Job, run
 from objgraph.errors import EvaluationError
 
@@ -58,7 +59,7 @@ class RowFile(Generic[R]):
         self.path, self.kind = path, kind
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
-            self._file = path.open("a+b")
+            self._file = path.open("a+b", buffering=0)
         except OSError as error:
             raise EvaluationError(f"{path} cannot be written: {error}") from error
         try:
@@ -74,9 +75,16 @@ class RowFile(Generic[R]):
             raise
 
     def append(self, row: R) -> None:
-        """Write a row so that it outlives a kill of this process."""
-        self._file.write(json.dumps(asdict(row), allow_nan=False).encode() + b"\n")
-        self._file.flush()
+        """Write a row so that it outlives a kill of this process; raises EvaluationError where that is impossible."""
+        line, end = json.dumps(asdict(row), allow_nan=False).encode() + b"\n", self._file.seek(0, os.SEEK_END)
+        try:
+            while line:  # a disk takes part of it before it is full
+                line = line[self._file.write(line) :]
+        except OSError as error:
+            self._file.truncate(end)
+            raise EvaluationError(
+                f"{self.path} cannot be written ({error}): the same command goes on from here"
+            ) from error
         self.rows.append(row)
 
     def close(self) -> None:
@@ -149,14 +157,7 @@ def digest(settings: Mapping[str, Any]) -> str:
 
 def write_text(text: str, path: Path) -> None:
     """Write atomically; raises EvaluationError where the file cannot be written."""
-    temporary = path.with_name(f".{path.name}.tmp")
-    try:
-        temporary.write_text(text)
-        os.replace(temporary, path)
-    except OSError as error:
-        raise EvaluationError(f"{path} cannot be written: {error}") from error
-    finally:
-        temporary.unlink(missing_ok=True)
+    write_file(path, text.encode(), EvaluationError)
 
 
 def plain(value: Any) -> Any:

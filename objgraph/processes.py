@@ -1,0 +1,55 @@
+"""Pools of processes that do not outlive their parent, and whose death is told."""
+
+import os
+import signal
+import threading
+from collections.abc import Iterator
+from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
+from multiprocessing import active_children, get_context, parent_process
+from typing import Literal
+
+from objgraph.errors import ObjectGraphError
+
+
+@contextmanager
+def process_pool(
+    jobs: int, error: type[ObjectGraphError], start: Literal["spawn", "fork"] = "spawn"
+) -> Iterator[ProcessPoolExecutor]:
+    """A pool of single-threaded processes; stopped (by Ctrl-C, or by an error) it does not wait for what is in progress.
+
+    Raises:
+        error: a process died.
+    """
+    others = set(active_children())
+    pool = ProcessPoolExecutor(jobs, get_context(start), begin_worker)
+    try:
+        yield pool
+    except BaseException as problem:
+        for worker in set(active_children()) - others:
+            worker.terminate()
+        if isinstance(problem, BrokenProcessPool):
+            raise error(
+                "a process died, perhaps for want of memory: the same command goes on from here, with fewer --jobs it "
+                "needs less"
+            ) from problem
+        raise
+    finally:
+        pool.shutdown(cancel_futures=True)
+
+
+def begin_worker(threads: int = 1) -> None:
+    """What a pool's process does first."""
+    import torch
+
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent sees to it
+    torch.set_num_threads(threads)
+    # a pool's processes would go on for ever after a parent that was killed
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+
+
+def _end_with_parent() -> None:
+    if (parent := parent_process()) is not None:
+        parent.join()
+        os._exit(1)
