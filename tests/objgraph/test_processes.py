@@ -1,0 +1,32 @@
+"""Pools whose processes' death is told, and which do not wait for what nobody wants any more."""
+
+import os
+import time
+from multiprocessing import active_children
+
+import pytest
+
+from objgraph.errors import PriorError
+from objgraph.processes import process_pool
+
+
+def _work(what: str) -> str:
+    if what == "die":
+        os._exit(3)
+    if what == "wait":
+        time.sleep(600)
+    return what
+
+
+@pytest.mark.parametrize("start", ["spawn", "fork"])
+def test_a_process_that_dies_is_told_in_a_line(start):
+    with pytest.raises(PriorError, match="a process died"), process_pool(1, PriorError, start) as pool:
+        list(pool.map(_work, ["a", "die", "b"]))
+    assert not active_children()
+
+
+def test_a_mistake_does_not_wait_for_what_is_in_progress():
+    with pytest.raises(ValueError, match="mistake"), process_pool(1, PriorError, "fork") as pool:
+        pool.submit(_work, "wait")
+        raise ValueError("mistake")
+    assert not active_children()
