@@ -5,6 +5,7 @@ import logging
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import get_type_hints
 
 import tyro
 from rich.box import SIMPLE_HEAD
@@ -13,6 +14,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from objgraph.atomic import write_file
+from objgraph.checked import check_fields
 from objgraph.errors import PriorError
 from objgraph.priors.categories import LABELS
 from objgraph.priors.registry import WEIGHTS
@@ -100,6 +102,15 @@ def list_priors(paths: Sequence[Path] = ()) -> list[PriorEntry]:
 def describe(path: Path, shipped: bool = False) -> PriorEntry:
     """A file's entry; raises PriorError, naming it, where it is no prior."""
     prior = load_prior_file(path)
+    try:
+        entry = _entry(prior, path, shipped)
+        check_fields(vars(entry), get_type_hints(PriorEntry))
+    except (AttributeError, KeyError, TypeError, ValueError) as error:
+        raise PriorError(f"{path}: its card is damaged ({error}); get the file anew") from error
+    return entry
+
+
+def _entry(prior: ShapePrior, path: Path, shipped: bool) -> PriorEntry:
     data, heldout = (prior.card.get(key) or {} for key in ("data", "heldout"))
     summary = heldout.get("summary") or {}
     return PriorEntry(

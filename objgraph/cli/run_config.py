@@ -9,8 +9,8 @@ from typing import Any, TypeVar
 import dacite
 
 from objgraph.atomic import write_file
+from objgraph.checked import parse_json
 from objgraph.errors import ConfigError, DatasetError, MapError
-from objgraph.maps.files import refuse_constant
 from objgraph.maps.lidar import LidarMappingConfig
 from objgraph.maps.pipeline import MappingConfig
 from objgraph.version import program_version
@@ -108,8 +108,8 @@ def read_run(
 
 def _read(path: Path) -> dict[str, Any]:
     try:
-        document = json.loads(path.read_text(encoding="utf-8"), parse_constant=refuse_constant)
-    except (OSError, ValueError, RecursionError) as error:
+        document = parse_json(path.read_bytes())
+    except (OSError, ValueError) as error:
         raise ConfigError(f"{path}: not a readable JSON file ({error})") from error
     if not isinstance(document, dict):
         raise ConfigError(

@@ -1,6 +1,5 @@
 """`objgraph evaluate --suite`: all that docs/results.md shows, and the page itself, made of what the runs left."""
 
-import json
 import shlex
 import shutil
 from collections.abc import Callable, Mapping
@@ -11,13 +10,23 @@ from typing import Any
 from rich.console import Console
 
 from objgraph.bench.comparison.running.store import write_text
-from objgraph.bench.comparison.writing.behind import behind_table
+from objgraph.bench.comparison.writing.behind import FIGURES_OF_ROWS, behind_table
 from objgraph.bench.comparison.writing.grid import Grid
+from objgraph.checked import check_fields, parse_json
 from objgraph.cli.evaluate_command import FIGURES, EvaluateCommand
 from objgraph.cli.suite_parts import Part, Suite, parts
 from objgraph.errors import EvaluationError
 from objgraph.training.mesh_folder import write_json
 
+_FIELDS = {
+    "command": str,
+    "seed": int,
+    "rows_made_by": list[str],
+    "priors": dict[str, str] | None,
+    "rows": list[dict[str, Any]],
+    "tables": list[dict[str, Any]],
+}
+"""Of a part's figures, those that the page shows."""
 Run = Callable[[EvaluateCommand, Console, str], object]
 """What does one command; the last is how it would be typed."""
 
@@ -147,10 +156,16 @@ def _command(part: Part, command: EvaluateCommand) -> EvaluateCommand:
 
 def _document(path: Path) -> dict[str, Any] | None:
     try:
-        return json.loads(path.read_text())
+        document = parse_json(path.read_bytes())
+        check_fields(document, _FIELDS)
+        for row in document["rows"]:
+            check_fields(row, FIGURES_OF_ROWS)
+        for table in document["tables"]:
+            Grid.of(table)
+        return document
     except FileNotFoundError:
         return None
-    except (OSError, ValueError) as error:
+    except (OSError, KeyError, TypeError, ValueError) as error:
         raise EvaluationError(f"{path} is damaged ({error}): delete it and run the suite again") from error
 
 
@@ -158,7 +173,7 @@ def _head(suite: Suite, found: Mapping[str, Mapping[str, Any]]) -> str:
     versions = sorted({version for document in found.values() for version in document["rows_made_by"]})
     priors: dict[str, str] = {}
     for document in found.values():
-        priors |= document.get("priors", {})
+        priors |= document.get("priors") or {}
     hashes = ", ".join(f"{name} `{digest[:12]}`" for name, digest in sorted(priors.items()))
     return (
         f"Made by `objgraph evaluate --suite {suite}` and its `--render`: no number here is typed by hand. "

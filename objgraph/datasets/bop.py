@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
+from objgraph.checked import numbers, whole
 from objgraph.datasets.files import (
     LazyFrames,
     decode_color,
@@ -89,7 +90,7 @@ def _views(folder: Path, categories: Mapping[int, str], stride: int) -> dict[str
         origin = f"{folder / _FILE}: image {number}"
         K, T, scale = _camera(cameras[number], origin)
         try:
-            objects = {i: int(each["obj_id"]) for i, each in enumerate(truth[number])}
+            objects = {i: whole(each["obj_id"]) for i, each in enumerate(truth[number])}
         except (KeyError, TypeError, ValueError) as error:
             raise DatasetError(
                 f"{folder / 'scene_gt.json'}: image {number} is no list of objects with an obj_id"
@@ -116,21 +117,21 @@ def _camera(entry: Any, origin: str) -> tuple[np.ndarray, np.ndarray, float]:
             f"{origin} has no cam_R_w2c and cam_t_w2c: BOP scenes without camera poses cannot be mapped"
         )
     try:
-        K = np.array(entry["cam_K"], float).reshape(3, 3)
+        K = numbers(entry["cam_K"], 3, 3)
         T_camera_world = np.eye(4)
-        T_camera_world[:3, :3] = np.array(entry["cam_R_w2c"], float).reshape(3, 3)
-        T_camera_world[:3, 3] = np.array(entry["cam_t_w2c"], float).reshape(3) / _MILLIMETRES
-        scale = float(entry.get("depth_scale", 1.0))
+        T_camera_world[:3, :3] = numbers(entry["cam_R_w2c"], 3, 3)
+        T_camera_world[:3, 3] = numbers(entry["cam_t_w2c"], 3) / _MILLIMETRES
+        (scale,) = numbers(entry.get("depth_scale", 1.0), 1)
     except (KeyError, TypeError, ValueError) as error:
         raise DatasetError(
             f"{origin}: cam_K, cam_R_w2c, cam_t_w2c or depth_scale is damaged ({error})"
         ) from error
-    if not np.isfinite(K).all() or min(K[0, 0], K[1, 1]) <= 0 or not 0 < scale < np.inf:
+    if min(K[0, 0], K[1, 1]) <= 0 or scale <= 0:
         raise DatasetError(f"{origin}: no camera (fx {K[0, 0]:g}, fy {K[1, 1]:g}, depth_scale {scale:g})")
     pose = rigid_or_reason(T_camera_world)
     if isinstance(pose, str):
         raise DatasetError(f"{origin}: its pose cannot be used: {pose}")
-    return K, np.linalg.inv(pose), scale
+    return K, np.linalg.inv(pose), float(scale)
 
 
 def _frame(folder: Path, name: str, view: _View) -> Frame:

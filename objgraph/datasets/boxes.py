@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float, Int
 
+from objgraph.checked import direction, numbers, whole
 from objgraph.datasets.files import read_json, rigid_or_reason
 from objgraph.datasets.ground_truth import TrueBox
 from objgraph.errors import DatasetError
@@ -115,8 +116,8 @@ def read_object_boxes(path: Path, categories: Mapping[str, str] | None = None) -
     """
     content = read_json(path)
     try:
-        up = np.asarray(content["up"], dtype=float).reshape(3)
-        floor_height = -float(content.get("floor_d", np.inf))
+        up = direction(content["up"], "up")
+        floor_height = -float(numbers(content["floor_d"], 1)[0]) if "floor_d" in content else -np.inf
         objects = content["objects"]
         if categories is None:
             categories = {str(o["label"]): str(o["label"]) for o in objects}
@@ -126,7 +127,7 @@ def read_object_boxes(path: Path, categories: Mapping[str, str] | None = None) -
         raise DatasetError(f"{path}: no list of boxes ({type(error).__name__}: {error})") from error
     if others:
         log.info("%s: objects left out, no category for their labels: %s", path, ", ".join(others))
-    return Boxes(up / np.linalg.norm(up), floor_height, boxes)
+    return Boxes(up, floor_height, boxes)
 
 
 def true_boxes(path: Path) -> dict[int, TrueBox]:
@@ -136,7 +137,9 @@ def true_boxes(path: Path) -> dict[int, TrueBox]:
 
 def _box(entry: dict[str, Any], category: str) -> ObjectBox:
     pose = np.eye(4)
-    pose[:3, :3] = np.asarray(entry["rotation"], dtype=float).reshape(3, 3)
-    pose[:3, 3] = np.asarray(entry["centre"], dtype=float).reshape(3)
-    size = np.asarray(entry["size"], dtype=float).reshape(3)
-    return ObjectBox(Instance(int(entry["id"]) + 1, category), pose, size, str(entry.get("quality", "full")))
+    pose[:3, :3] = numbers(entry["rotation"], 3, 3)
+    pose[:3, 3] = numbers(entry["centre"], 3)
+    size = numbers(entry["size"], 3)
+    if not (size > 0).all():
+        raise ValueError(f"a box with edges {size}")
+    return ObjectBox(Instance(whole(entry["id"]) + 1, category), pose, size, str(entry.get("quality", "full")))

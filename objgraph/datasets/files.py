@@ -1,20 +1,24 @@
 """What the loaders share: reading images, matrices and JSON with errors that name the file, and lazy frames."""
 
-import json
 import logging
 from collections.abc import Callable, Sequence
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
 import cv2
 import numpy as np
 from jaxtyping import Float, Int, UInt8
+from PIL import Image
 
+from objgraph.checked import parse_json
 from objgraph.errors import DatasetError
 from objgraph.observation.frames import Frame, FrameSource, Intrinsics
 
 log = logging.getLogger(__name__)
 
+MOST_PIXELS = 10**8
+"""Of an image."""
 _RIGID_TOLERANCE = 1e-2
 _INVALID_DEPTH = np.iinfo(np.uint16).max
 
@@ -46,8 +50,9 @@ def read_bytes(path: Path) -> bytes:
 
 
 def read_json(path: Path) -> Any:
+    """A document, which may hold NaN and infinity; raises `DatasetError`."""
     try:
-        return json.loads(read_bytes(path))
+        return parse_json(read_bytes(path), finite=False)
     except ValueError as error:
         raise DatasetError(f"{path}: no valid JSON ({error}); mend it or download it again") from error
 
@@ -223,8 +228,23 @@ def pick_folder(root: Path, marker: str, scene: str | None) -> Path:
     return folders[pick_scene(list(folders), scene, root)]
 
 
+def check_pixels(width: int, height: int, origin: object) -> None:
+    """Refuse images that no camera makes and that memory may not hold, before they are unpacked."""
+    if not 0 < width * height <= MOST_PIXELS:
+        raise DatasetError(
+            f"{origin}: {width}x{height} pixels; from 1 to {MOST_PIXELS} are read: scale it down, or export it again"
+        )
+
+
 def _decode(data: bytes, origin: object, flags: int) -> np.ndarray:
-    image = cv2.imdecode(np.frombuffer(data, np.uint8), flags) if data else None
+    try:
+        with Image.open(BytesIO(data), formats=("PNG", "JPEG")) as header:
+            check_pixels(*header.size, origin)
+        image = cv2.imdecode(np.frombuffer(data, np.uint8), flags)
+    except (OSError, ValueError, SyntaxError, Image.DecompressionBombError, cv2.error) as error:
+        if isinstance(error, DatasetError):
+            raise
+        image = None
     if image is None:
-        raise DatasetError(f"{origin}: no readable image (truncated or damaged); download or export it again")
+        raise DatasetError(f"{origin}: no readable image (PNG or JPEG; truncated or damaged); download or export it again")
     return image

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float, Int
 
+from objgraph.checked import direction, whole
 from objgraph.datasets.files import (
     LazyFrames,
     decode_color,
@@ -76,7 +77,7 @@ def read_camera(path: Path) -> Camera:
     content = read_json(path)
     try:
         matrix = _matrix(*(float(content[key]) for key in ("fx", "fy", "cx", "cy")))
-        size = (int(content["width"]), int(content["height"])) if "width" in content else None
+        size = (whole(content["width"]), whole(content["height"])) if "width" in content else None
         if size is not None and min(size) < 1:
             raise ValueError(f"{size[0]}x{size[1]} pixels")
         depth_scale = float(content["depth_scale"]) if "depth_scale" in content else None
@@ -107,19 +108,14 @@ def read_instances(
     try:
         if content is None:
             raise ValueError("there is no such file")
-        up = np.array(
-            content["up_world"] if usual_up is None else content.get("up_world", usual_up), dtype=float
-        )
-        if up.shape != (3,) or not np.isfinite(up).all() or not up.any():
-            raise ValueError(
-                "up_world must be three numbers: the direction against gravity in the poses' world"
-            )
+        given = content["up_world"] if usual_up is None else content.get("up_world", usual_up)
+        up = direction(given, "up_world")
         instances = [_instance(key, label) for key, label in content["instances"].items()]
     except (AttributeError, KeyError, TypeError, ValueError) as error:
         raise DatasetError(f"{path}: {_reason(error)}; it must read like {_INSTANCES}") from error
     if not instances:
         raise DatasetError(f"{path}: names no instance; it must read like {_INSTANCES}")
-    return up / np.linalg.norm(up), tuple(sorted(instances, key=lambda instance: instance.id))
+    return up, tuple(sorted(instances, key=lambda instance: instance.id))
 
 
 def mask_paths(folder: Path, candidates: Mapping[str, Sequence[str]]) -> dict[str, Path]:

@@ -8,20 +8,20 @@ same axes. `yaw` is about z, radians from x to y, where the object faces and its
 The world is the LiDAR's frame, z up.
 """
 
-import re
 from collections.abc import Mapping
-from io import BytesIO
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import trimesh
 from jaxtyping import Float
 
+from objgraph.checked import numbers
 from objgraph.datasets.files import pick_folder, read_bytes, read_json, scan_folders
 from objgraph.datasets.kitti import VELODYNE_AXES
 from objgraph.datasets.kitti_files import read_velodyne
+from objgraph.datasets.pcd import parse_pcd
 from objgraph.errors import DatasetError
+from objgraph.geometry.mesh_data import parse_points
 from objgraph.observation.lidar.frame import Detection, LidarFrame
 
 _FILE = "detections.json"
@@ -59,48 +59,25 @@ def _points(folder: Path) -> Float[np.ndarray, "n 3"]:
     (path,) = paths
     if path.suffix == ".bin":
         return read_velodyne(path)
+    data = read_bytes(path)
     try:
-        points = (_pcd if path.suffix == ".pcd" else _ply)(path)
-    except (RuntimeError, ValueError, LookupError, TypeError, MemoryError) as error:
+        points = parse_pcd(data) if path.suffix == ".pcd" else parse_points(data, "ply")
+    except ValueError as error:
         raise DatasetError(f"{path}: no readable points ({error}); export the scan again") from error
     return points[np.isfinite(points).all(axis=1)]
-
-
-def _pcd(path: Path) -> Float[np.ndarray, "n 3"]:
-    head, text, body = read_bytes(path).partition(b"DATA ascii")
-    fields, count = (re.search(rb"^%s(.*)" % name, head, re.MULTILINE) for name in (b"FIELDS", b"POINTS"))
-    if fields is None or count is None:
-        raise ValueError("no PCD header")
-    if text and len(body.split()) < len(fields[1].split()) * int(count[1]):  # which open3d does not see
-        raise ValueError("truncated")
-    import open3d as o3d  # slow to import
-
-    with o3d.utility.VerbosityContextManager(o3d.utility.VerbosityLevel.Error):
-        points = np.asarray(o3d.io.read_point_cloud(str(path), format="pcd").points)
-    if not len(points):
-        raise ValueError("empty, truncated or without x y z")
-    return points
-
-
-def _ply(path: Path) -> Float[np.ndarray, "n 3"]:
-    loaded = trimesh.load(BytesIO(read_bytes(path)), file_type="ply", process=False)
-    points = np.asarray(getattr(loaded, "vertices", ()), float)
-    if not len(points):
-        raise ValueError("it has no vertices")
-    return points.reshape(-1, 3)
 
 
 def _detection(number: int, box: Any, path: Path) -> Detection:
     origin = f"{path}: box {number}"
     try:
         category, score = box["category"], box.get("score")
-        centre, size = (np.array(box[key], float).reshape(3) for key in ("centre", "size"))
-        yaw, score = float(box["yaw"]), None if score is None else float(score)
+        centre, size, (yaw,) = (numbers(box[key], n) for key, n in (("centre", 3), ("size", 3), ("yaw", 1)))
+        score = None if score is None else float(numbers(score, 1)[0])
     except (AttributeError, KeyError, TypeError, ValueError) as error:
         raise DatasetError(f"{origin}: must have category, centre, size and yaw ({error})") from error
     if not isinstance(category, str) or not category.strip():
         raise DatasetError(f"{origin}: has no category")
-    if not np.isfinite([*centre, *size, yaw]).all() or size.min() <= 0:
+    if size.min() <= 0:
         raise DatasetError(f"{origin}: a box with edges {size} m at {centre} is none; delete it")
     ahead = np.array([np.cos(yaw), np.sin(yaw), 0.0])
     T_world_object = np.eye(4)

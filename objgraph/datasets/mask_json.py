@@ -8,10 +8,9 @@ import cv2
 import numpy as np
 from jaxtyping import Bool, UInt16
 
-from objgraph.datasets.files import read_json
+from objgraph.checked import whole
+from objgraph.datasets.files import MOST_PIXELS, read_json
 from objgraph.errors import DatasetError
-
-_MOST_PIXELS = 10**8
 
 
 def read_mask_json(path: Path, shape: tuple[int, int]) -> UInt16[np.ndarray, "h w"]:
@@ -53,16 +52,16 @@ def _mask(entry: Any, shape: tuple[int, int], origin: str) -> tuple[int, Bool[np
         if isinstance(segmentation, Mapping):
             return identity, decode_rle(segmentation["size"], segmentation["counts"])
         return identity, _polygons(segmentation, shape)
-    except (KeyError, TypeError, ValueError, OverflowError, cv2.error) as error:
+    except (KeyError, TypeError, ValueError, cv2.error) as error:
         raise DatasetError(f"{origin}: its segmentation is damaged ({error})") from error
 
 
 def decode_rle(size: Sequence[int], counts: Sequence[int] | str) -> Bool[np.ndarray, "h w"]:
     """Runs of outside and inside in turn, down the columns; raises ValueError where they do not fill the image."""
-    height, width = (int(edge) for edge in size)
-    if min(height, width) < 1 or height * width > _MOST_PIXELS:
+    height, width = (whole(edge) for edge in size)
+    if min(height, width) < 1 or height * width > MOST_PIXELS:
         raise ValueError(f"{width}x{height} pixels")
-    runs = _decompressed(counts) if isinstance(counts, str) else [int(count) for count in counts]
+    runs = _decompressed(counts) if isinstance(counts, str) else [whole(count) for count in counts]
     if min(runs, default=0) < 0 or sum(runs) != height * width:
         raise ValueError(f"the runs do not fill {width}x{height} pixels")
     inside = np.arange(len(runs)) % 2 == 1

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
+from objgraph.checked import inside
 from objgraph.datasets.files import (
     LazyFrames,
     decode_color,
@@ -113,8 +114,8 @@ def _entries(folder: Path, content: Mapping[str, Any]) -> dict[str, _Entry]:
         origin = f"{path}: frame {i}"
         if not isinstance(frame, Mapping):
             raise DatasetError(f"{origin}: must have a file_path, a depth_file_path and a transform_matrix")
-        depth = _inside(folder, frame.get("depth_file_path"), origin)
-        color = _inside(folder, frame.get("file_path"), origin)
+        depth = _named(folder, frame.get("depth_file_path"), origin)
+        color = _named(folder, frame.get("file_path"), origin)
         if depth is None:
             continue
         name = (color or depth).stem
@@ -133,16 +134,12 @@ def _entries(folder: Path, content: Mapping[str, Any]) -> dict[str, _Entry]:
     return entries
 
 
-def _inside(folder: Path, name: Any, origin: str) -> Path | None:
+def _named(folder: Path, name: Any, origin: str) -> Path | None:
     """A file that the folder holds; None where none is named."""
-    if name is None:
-        return None
-    if not isinstance(name, str) or not name or "\0" in name:
-        raise DatasetError(f"{origin}: {name!r} is no file's name")
-    path = folder / name
-    if not path.resolve().is_relative_to(folder.resolve()):
-        raise DatasetError(f"{origin}: {name} lies outside of {folder}; move it into the folder")
-    return path
+    try:
+        return None if name is None else inside(folder, name)
+    except ValueError as error:
+        raise DatasetError(f"{origin}: {error}") from error
 
 
 def _camera(settings: Mapping[str, Any], origin: str) -> Camera:

@@ -20,10 +20,12 @@ from scipy.optimize import linear_sum_assignment
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
-from objgraph.datasets.files import read_json
+from objgraph.checked import inside, numbers
+from objgraph.datasets.files import read_bytes, read_json
 from objgraph.datasets.ground_truth import GroundTruth
 from objgraph.errors import DatasetError
 from objgraph.geometry.frames import transformed
+from objgraph.geometry.mesh_data import parse_mesh
 from objgraph.priors.categories import category_of
 
 log = logging.getLogger(__name__)
@@ -127,7 +129,7 @@ def _aligned_model(scan_trs: Any, model: dict[str, Any], core: Path, origin: str
     if symmetry not in SYMMETRIES:
         raise DatasetError(f"{origin}: unknown symmetry '{symmetry}'; known: {', '.join(SYMMETRIES)}")
     catalog = str(model["catid_cad"])
-    mesh = _read_mesh(core / catalog / str(model["id_cad"]) / "models" / "model_normalized.obj")
+    mesh = _read_mesh(inside(core, f"{catalog}/{model['id_cad']}/models/model_normalized.obj"))
     truth = GroundTruth(
         T_world_object=np.linalg.inv(scan) @ pose,
         scale=scale / scan_scale[0],
@@ -140,19 +142,12 @@ def _aligned_model(scan_trs: Any, model: dict[str, Any], core: Path, origin: str
 
 def _rigid(trs: Any) -> tuple[Float[np.ndarray, "4 4"], Float[np.ndarray, "3"]]:
     """Rigid transform and scale of Scan2CAD's `trs`, whose quaternion is w, x, y, z."""
-    scale = np.asarray(trs["scale"], dtype=float)
-    translation = np.asarray(trs["translation"], dtype=float)
-    if (
-        scale.shape != (3,)
-        or translation.shape != (3,)
-        or not (np.isfinite(scale).all() and (scale > 0).all())
-    ):
-        raise ValueError(
-            f"translation {translation} and scale {scale} must be three numbers, the scale positive"
-        )
+    scale = numbers(trs["scale"], 3)
+    if not (scale > 0).all():
+        raise ValueError(f"scale {scale} must be positive")
     transform = np.eye(4)
-    transform[:3, :3] = Rotation.from_quat(trs["rotation"], scalar_first=True).as_matrix()
-    transform[:3, 3] = translation
+    transform[:3, :3] = Rotation.from_quat(numbers(trs["rotation"], 4), scalar_first=True).as_matrix()
+    transform[:3, 3] = numbers(trs["translation"], 3)
     return transform, scale
 
 
@@ -161,9 +156,8 @@ def _read_mesh(path: Path) -> trimesh.Trimesh:
     if not path.is_file():
         raise DatasetError(f"{path}: missing; ground truth needs ShapeNetCore.v2 with this CAD model")
     try:
-        mesh = trimesh.load(path, force="mesh", process=False, skip_materials=True)
-    except Exception as error:  # trimesh's readers raise whatever their parsing runs into
-        raise DatasetError(f"{path}: no readable mesh ({error})") from error
-    if not isinstance(mesh, trimesh.Trimesh) or len(mesh.faces) == 0:
-        raise DatasetError(f"{path}: holds no triangles")
-    return mesh
+        return parse_mesh(read_bytes(path), "obj")
+    except ValueError as error:
+        if isinstance(error, DatasetError):
+            raise
+        raise DatasetError(f"{path}: no readable mesh: {error}") from error

@@ -1,5 +1,6 @@
 """The files of one ScanNet scan: both forms of its recording, its masks and its labels."""
 
+import lzma
 import re
 import zipfile
 import zlib
@@ -11,6 +12,7 @@ from typing import Protocol
 import numpy as np
 from jaxtyping import Float, UInt8
 
+from objgraph.checked import whole
 from objgraph.datasets.files import (
     decode_color,
     decode_depth,
@@ -24,6 +26,8 @@ from objgraph.errors import DatasetError
 from objgraph.observation.frames import Intrinsics
 
 _MILLIMETRES = 1000.0
+_LARGEST_IMAGE = 2**28
+"""Bytes."""
 _NUMBER_LINE = re.compile(r"^(\w+) = ([-+]?\d+\.?\d*(?:[eE][-+]?\d+)?)\s*$", re.MULTILINE)
 
 
@@ -152,7 +156,7 @@ def read_labels(folder: Path) -> dict[int, str]:
     if path is None:
         raise DatasetError(f"{folder}: no {paths[0].name} (nor {paths[1].name}): it says what the masks show")
     try:
-        return {int(group["objectId"]): str(group["label"]) for group in read_json(path)["segGroups"]}
+        return {whole(group["objectId"]): str(group["label"]) for group in read_json(path)["segGroups"]}
     except (KeyError, TypeError, ValueError) as error:
         if isinstance(error, DatasetError):
             raise
@@ -165,6 +169,8 @@ def _from_folder(path: Path) -> tuple[bytes, str]:
 
 def _from_zip(archive: zipfile.ZipFile, path: Path, member: str) -> tuple[bytes, str]:
     try:
+        if (size := archive.getinfo(member).file_size) > _LARGEST_IMAGE:
+            raise DatasetError(f"{path}: {member} would unpack to {size} bytes: no mask of a frame is as large")
         return archive.read(member), f"{path}: {member}"
-    except (KeyError, OSError, zipfile.BadZipFile, zlib.error) as error:
+    except (KeyError, OSError, EOFError, RuntimeError, zipfile.BadZipFile, zlib.error, lzma.LZMAError) as error:
         raise DatasetError(f"{path}: {member} cannot be read ({error})") from error

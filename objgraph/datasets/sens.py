@@ -14,7 +14,7 @@ from typing import BinaryIO
 import numpy as np
 from jaxtyping import Float, UInt8
 
-from objgraph.datasets.files import decode_color, metric_depth
+from objgraph.datasets.files import check_pixels, decode_color, metric_depth
 from objgraph.errors import DatasetError
 
 VERSION = 4
@@ -82,12 +82,12 @@ class SensFile:
         entry = self._entries[index]
         data = self._read(entry.offset + entry.color_bytes, entry.depth_bytes, index)
         origin = f"{self.path}: frame {index}"
+        width, height = self.header.depth_size
         if self.header.depth_compression == "zlib_ushort":
             try:
-                data = zlib.decompress(data)
+                data = zlib.decompressobj().decompress(data, 2 * width * height + 1)
             except zlib.error as error:
                 raise DatasetError(f"{origin}: depth cannot be decompressed ({error})") from error
-        width, height = self.header.depth_size
         if len(data) != 2 * width * height:
             raise DatasetError(
                 f"{origin}: depth has {len(data)} bytes instead of {width}x{height} 16-bit pixels"
@@ -131,6 +131,7 @@ class SensFile:
         depth_shift, frame_count = self._unpack(stream, "<fQ")
         if not (np.isfinite(depth_shift) and depth_shift > 0):
             raise DatasetError(f"{self.path}: depth shift {depth_shift} is no number of units a metre")
+        check_pixels(depth_width, depth_height, f"{self.path}: depth")
         return SensHeader(
             sensor,
             intrinsic_color=matrices[0],

@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
+from objgraph.checked import inside
 from objgraph.datasets.files import pick_folder, scan_folders
 from objgraph.datasets.folder_files import (
     Camera,
@@ -109,9 +110,9 @@ def _read_list(path: Path) -> dict[float, Path]:
     for number, words in numbered_words(path):
         try:
             timestamp, name = words
-            images[float(timestamp)] = path.parent / name
+            images[float(timestamp)] = inside(path.parent, name)
         except ValueError as error:
-            raise DatasetError(f"{path}, line {number}: must be 'timestamp file', {error}") from error
+            raise DatasetError(f"{path}, line {number}: must be 'timestamp file': {error}") from error
     if not images:
         raise DatasetError(f"{path}: names no image; every line must be 'timestamp file'")
     return dict(sorted(images.items()))

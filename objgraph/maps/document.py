@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from objgraph.checked import typed
 from objgraph.errors import MapError
 from objgraph.maps import files as map_files
 from objgraph.maps.mapped_object import BOX_COVARIANCE_AXES, COVARIANCE_AXES, MappedObject, PriorReference
@@ -52,7 +53,7 @@ def from_json(document: Any, index: int, folder: Path) -> MappedObject:
             raise MapError(f"{where}: {name}_axes are not {axes}")
     given = {name: document[name] for name in _JSON_FIELDS}
     try:
-        given["prior"] = None if given["prior"] is None else PriorReference(**given["prior"])
+        given["prior"] = None if given["prior"] is None else typed(PriorReference, given["prior"])
     except TypeError as error:
         raise MapError(f"{where}: prior must have a name and a hash ({error})") from error
     for name, kind in (("views", list), ("seconds_by_stage", dict)):

@@ -5,7 +5,6 @@ names; the document is replaced last. A crash at any moment leaves the old map o
 """
 
 import hashlib
-import io
 import json
 import os
 import re
@@ -19,7 +18,9 @@ import trimesh
 from jaxtyping import Float, Int, UInt8
 
 from objgraph.atomic import write_file
+from objgraph.checked import parse_json
 from objgraph.errors import MapError
+from objgraph.geometry.mesh_data import parse_scene
 
 DOCUMENT = "map.json"
 EVALUATION = "evaluation.json"
@@ -61,8 +62,7 @@ def read_surface(path: Path) -> Surface:
         MapError: the file is missing, truncated, or holds something else than one triangle mesh.
     """
     try:
-        scene = trimesh.load_scene(io.BytesIO(path.read_bytes()), file_type="glb", process=False)
-        (mesh,) = scene.geometry.values()
+        (mesh,) = parse_scene(path.read_bytes(), "glb").geometry.values()
         sigma = mesh.vertex_attributes.get(_SIGMA)
         vertices, faces = np.array(mesh.vertices, float), np.array(mesh.faces, np.int64)
     except FileNotFoundError as error:
@@ -112,10 +112,10 @@ def read_document(folder: Path) -> dict[str, Any]:
     """
     path = folder / DOCUMENT
     try:
-        document = json.loads(path.read_text(encoding="utf-8"), parse_constant=refuse_constant)
+        document = parse_json(path.read_bytes())
     except FileNotFoundError as error:
         raise MapError(f"{path}: there is no map here; give the folder that a map was saved into") from error
-    except (OSError, ValueError, RecursionError) as error:
+    except (OSError, ValueError) as error:
         raise MapError(f"{path}: not a readable JSON document ({error})") from error
     if not isinstance(document, dict):
         raise MapError(f"{path}: holds a {type(document).__name__} where a map's object was expected")
@@ -152,6 +152,3 @@ def is_plain_name(name: Any, end: str) -> bool:
     )
 
 
-def refuse_constant(name: str) -> float:
-    """For `json.loads`: NaN and infinity are read by Python alone."""
-    raise ValueError(f"{name} is no JSON number")

@@ -15,11 +15,12 @@ from factors.deepsdf import DeepSdfConfig, DeepSdfDecoder
 from factors.errors import FactorError
 from factors.sdf_decoder import SdfDecoder
 from factors.superquadric import Superquadric, SuperquadricConfig
+from objgraph.checked import typed
 from objgraph.errors import PriorError
 from objgraph.priors.first_guess import FirstGuess, FirstGuessConfig
 from objgraph.priors.misfit import BoxMisfit
 from objgraph.priors.shape_prior import ShapePrior
-from objgraph.priors.tensors import load_tensors, save_tensors
+from objgraph.priors.tensors import load_tensors, loaded_network, save_tensors
 
 FORMAT = "objgraph-prior-1"
 FRAME = "y up, front at -z, bounding box centred (ShapeNetCore.v2's axes)"
@@ -73,22 +74,23 @@ def load_prior_file(path: Path) -> ShapePrior:
         raise PriorError(
             f"{path} is no shape prior of this library (format {header.get('format')!r}, not {FORMAT!r})"
         )
+    if kinds := {str(value.dtype) for value in tensors.values() if value.dtype not in _FLOATS}:
+        raise PriorError(f"{path} holds tensors of {', '.join(sorted(kinds))}, a prior has floats alone")
     if digest(tensors) != header.get("sha256"):
         raise PriorError(f"{path} is damaged: its tensors do not have the hash that its card gives")
     try:
-        decoder = _decoder_of(header["decoder"])
-        decoder.load_state_dict(_part(tensors, "decoder."))
+        decoder = _decoder_of(header["decoder"], _part(tensors, "decoder."))
         guess = None
         if "guess" in header:
-            guess = FirstGuess(FirstGuessConfig(**header["guess"])).requires_grad_(False).eval()
-            guess.load_state_dict(_part(tensors, "guess."))
+            config = typed(FirstGuessConfig, header["guess"])
+            guess = loaded_network(FirstGuess, config, _part(tensors, "guess.")).requires_grad_(False).eval()
         mean, kinds = tensors["code_mean"].numpy(), _kinds(_part(tensors, "kinds."))
         covariance = tensors["code_covariance"].numpy() if kinds is None else kinds.moments()[1]
         prototypes = tensors["prototypes"].numpy() if "prototypes" in tensors else None
         box = tensors["box"].numpy() if "box" in tensors else None
         numbers = [float(header[key]) for key in ("residual_sigma", "size_mean", "size_log_sigma")]
         anisotropy = float(header["anisotropy_sigma"]) if "anisotropy_sigma" in header else None
-        misfit = BoxMisfit(**{key: float(value) for key, value in dict(header.get("box_misfit", {})).items()})
+        misfit = typed(BoxMisfit, header.get("box_misfit", {}))
         surface_misfit = float(header.get("surface_misfit", 1.0))
         card = {**header["card"], **{key: header[key] for key in _HEADER}}
         category = str(header["category"])
@@ -170,12 +172,12 @@ def _decoder_header(decoder: SdfDecoder) -> dict[str, Any]:
     raise PriorError(f"a {type(decoder).__name__} cannot be saved; known are {', '.join(_DECODERS)}")
 
 
-def _decoder_of(header: dict[str, Any]) -> SdfDecoder:
-    """The decoder, with weights of its own, that a header describes; a header without a kind is of the first."""
+def _decoder_of(header: dict[str, Any], weights: dict[str, Tensor]) -> SdfDecoder:
+    """The decoder that a header describes; a header without a kind is of the first."""
     kind, *_ = _DECODERS
     settings = {key: tuple(v) if isinstance(v, list) else v for key, v in header.items() if key != "kind"}
     network, config = _DECODERS[header.get("kind", kind)]
-    return network(config(**settings))
+    return loaded_network(network, typed(config, settings), weights)
 
 
 def digest(tensors: dict[str, Tensor]) -> str:
@@ -193,4 +195,5 @@ _DECODERS = {
     "deepsdf": (DeepSdfDecoder, DeepSdfConfig),
     "superquadric": (Superquadric, SuperquadricConfig),
 }
+_FLOATS = (torch.float16, torch.float32, torch.float64)
 _HEADER = ("format", "frame", "scale", "decoder", "sha256")

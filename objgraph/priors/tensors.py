@@ -1,14 +1,23 @@
 """Tensors with JSON metadata in one safetensors file, replaced atomically."""
 
 import json
+from collections.abc import Callable
 from pathlib import Path
+from typing import TypeVar
 
+import torch
 from safetensors import SafetensorError, safe_open
 from safetensors.torch import save
-from torch import Tensor
+from torch import Tensor, nn
 
 from objgraph.atomic import write_file
+from objgraph.checked import parse_json
 from objgraph.errors import PriorError
+
+C = TypeVar("C")
+N = TypeVar("N", bound=nn.Module)
+_MOST = 4096
+"""Units of a layer, layers, and all other settings of a network."""
 
 
 def save_tensors(tensors: dict[str, Tensor], metadata: dict, path: Path) -> None:
@@ -21,6 +30,30 @@ def save_tensors(tensors: dict[str, Tensor], metadata: dict, path: Path) -> None
     write_file(path, save(whole, {"json": json.dumps(metadata)}), PriorError)
 
 
+def loaded_network(kind: Callable[[C], N], config: C, weights: dict[str, Tensor]) -> N:
+    """The network that a file's settings describe, with its weights.
+
+    Raises:
+        ValueError: it is larger than the weights, so that memory may not hold it.
+        RuntimeError: the weights are of another network.
+    """
+    check_size(kind, config, weights)
+    network = kind(config)
+    network.load_state_dict(weights)
+    return network
+
+
+def check_size(kind: Callable[[C], nn.Module], config: C, weights: dict[str, Tensor]) -> None:
+    """Raises ValueError where the settings describe a network that is larger than the weights."""
+    numbers = [item for value in vars(config).values() for item in (value if isinstance(value, tuple) else [value])]
+    if len(numbers) > _MOST or not all(0 <= item <= _MOST for item in numbers if isinstance(item, int)):
+        raise ValueError(f"a network of sizes {numbers[:10]} is none")
+    with torch.device("meta"):  # nothing is allocated
+        size = sum(value.numel() for value in kind(config).state_dict().values())
+    if size > sum(value.numel() for value in weights.values()):
+        raise ValueError(f"describes a network of {size} weights, more than it holds")
+
+
 def load_tensors(path: Path) -> tuple[dict[str, Tensor], dict]:
     """Tensors and metadata of a file that `save_tensors` wrote.
 
@@ -29,7 +62,7 @@ def load_tensors(path: Path) -> tuple[dict[str, Tensor], dict]:
     """
     try:
         with safe_open(path, framework="pt") as file:
-            metadata = json.loads((file.metadata() or {})["json"])
+            metadata = parse_json((file.metadata() or {})["json"].encode())
             # copies: the file's own memory changes with the file, if another is copied over it
             tensors = {name: file.get_tensor(name).clone() for name in file.keys()}  # noqa: SIM118
     except (OSError, SafetensorError, ValueError, KeyError) as error:

@@ -1,6 +1,5 @@
 """Mask2Former's weights from a folder or the local cache, and what it sees in an image."""
 
-import json
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -13,6 +12,7 @@ from jaxtyping import Bool, UInt8
 from safetensors import SafetensorError
 from torch import Tensor
 
+from objgraph.checked import parse_json
 from objgraph.errors import SegmentationError
 from objgraph.priors.categories import LABELS
 from objgraph.priors.registry import available_priors
@@ -172,7 +172,7 @@ def _preprocessor(folder: Path) -> dict[str, Any]:
     if not path.is_file():
         return {}
     try:
-        content = json.loads(path.read_text())
+        content = parse_json(path.read_bytes())
     except (OSError, ValueError) as error:
         raise SegmentationError(f"{path}: cannot be read ({error})") from error
     return content if isinstance(content, dict) else {}

@@ -1,6 +1,5 @@
 """The table of a map's page and of its viewer: columns, a row an object, and what to know beside the figures."""
 
-import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -8,6 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Float
 
+from objgraph.checked import check_fields, parse_json
 from objgraph.errors import MapError
 from objgraph.maps.files import EVALUATION
 from objgraph.maps.mapped_object import MappedObject
@@ -85,7 +85,10 @@ def errors_beside(folder: Path) -> dict[int, dict[str, Any]]:
     """Errors by object that were written beside a map; raises MapError where they cannot be read."""
     path = folder / EVALUATION
     try:
-        return {entry["id"]: entry for entry in json.loads(path.read_text())["objects"]}
+        entries = parse_json(path.read_bytes())["objects"]
+        for entry in entries:
+            check_fields(entry, {"id": int, **{column.key: float | None for column in ERRORS}})
+        return {entry["id"]: entry for entry in entries}
     except FileNotFoundError:
         return {}
     except (OSError, ValueError, KeyError, TypeError) as error:

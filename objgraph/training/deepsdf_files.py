@@ -4,7 +4,6 @@ The layout is that of the public implementation of Park et al., "DeepSDF", CVPR 
 their priors in the same one. Checkpoints are read as plain tensors: a file that would have to run code is refused.
 """
 
-import json
 import pickle
 import re
 from collections.abc import Callable
@@ -19,7 +18,9 @@ from torch import Tensor
 
 from factors.deepsdf import DeepSdfConfig, DeepSdfDecoder
 from factors.errors import FactorError
+from objgraph.checked import parse_json
 from objgraph.errors import PriorError
+from objgraph.priors.tensors import check_size
 
 ARCHITECTURE = "deep_sdf_decoder"
 """The only `NetworkArch` that is understood."""
@@ -74,7 +75,7 @@ def load_experiment(folder: Path, checkpoint: str = "latest") -> Experiment:
 
 def _read_json(path: Path) -> dict[str, Any]:
     try:
-        document = json.loads(path.read_text())
+        document = parse_json(path.read_bytes())
     except OSError as error:
         raise PriorError(f"{path} cannot be read: give the folder of a DeepSDF experiment") from error
     except ValueError as error:
@@ -132,10 +133,11 @@ def _read_tensors(path: Path) -> dict[str, Any]:
 def _decoder(path: Path, config: DeepSdfConfig, weights: dict[str, Any]) -> DeepSdfDecoder:
     """The decoder with the checkpoint's weights, weight norm folded."""
     try:
+        given = {str(key).removeprefix("module."): value for key, value in weights.items()}
+        check_size(DeepSdfDecoder, config, {key: value for key, value in given.items() if isinstance(value, Tensor)})
         decoder = DeepSdfDecoder(config)
-    except (FactorError, RuntimeError) as error:
+    except (FactorError, RuntimeError, ValueError) as error:
         raise PriorError(f"{path}: specs.json describes no network that can be built: {error}") from error
-    given = {key.removeprefix("module."): value for key, value in weights.items()}
     used: set[str] = set()
 
     def take(key: str) -> Tensor:

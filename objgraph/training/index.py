@@ -1,11 +1,11 @@
 """The index of a folder of collected meshes, and which of them are held out."""
 
 import hashlib
-import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from objgraph.checked import inside, parse_json
 from objgraph.errors import PriorError
 from objgraph.training.mesh_files import SUFFIXES, list_meshes
 
@@ -48,11 +48,11 @@ def read_index(folder: Path, category: str) -> list[CadMesh]:
     if not path.exists():
         return _unlisted(folder, category)
     try:
-        entries = json.loads(path.read_text())["meshes"]
+        entries = parse_json(path.read_bytes())["meshes"]
         meshes = [
             CadMesh(
                 folder=folder,
-                file=entry["file"],
+                file=str(inside(folder, entry["file"]).relative_to(folder)),
                 group=entry["group"],
                 licence=entry["licence"],
                 attribution=entry["attribution"],

@@ -6,6 +6,7 @@ import numpy as np
 import trimesh
 
 from objgraph.errors import PriorError
+from objgraph.geometry.mesh_data import parse_mesh
 
 SUFFIXES = (".ply", ".obj", ".stl", ".off", ".glb")
 """Formats that a folder is searched for."""
@@ -28,13 +29,9 @@ def read_mesh(path: Path) -> trimesh.Trimesh:
         PriorError: the file cannot be read as a mesh, or holds no faces.
     """
     try:
-        mesh = trimesh.load_mesh(path, process=False)
-        faces = np.asarray(mesh.faces)
-    except (OSError, ValueError, IndexError, KeyError, TypeError, AttributeError) as error:
-        raise PriorError(f"{path} cannot be read as a mesh: {error!r}") from error
-    if len(faces) == 0:
-        raise PriorError(f"{path} holds no faces")
-    return mesh
+        return parse_mesh(path.read_bytes(), path.suffix.lower().removeprefix("."))
+    except (OSError, ValueError) as error:
+        raise PriorError(f"{path} cannot be read as a mesh: {error}") from error
 
 
 def canonical(mesh: trimesh.Trimesh, name: str) -> trimesh.Trimesh:

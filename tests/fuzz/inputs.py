@@ -3,7 +3,9 @@
 import os
 import resource
 import signal
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 from hypothesis import HealthCheck, settings
@@ -57,3 +59,31 @@ def attempt(function: Callable[..., Any], *args: Any, **kwargs: Any) -> ObjectGr
 
 def _hang(*_: Any) -> None:
     raise Hang(f"more than {LONGEST} s")
+
+
+@contextmanager
+def replaced(root: Path, path: Path, content: bytes | None) -> Iterator[None]:
+    """A file below `root` with another content, or without it, for as long as one input is tried.
+
+    Nothing else in the folder may be written, or come to lie there.
+    """
+    good = path.read_bytes()
+    if content is None:
+        path.unlink()
+    else:
+        path.write_bytes(content)
+    before = _listed(root)
+    try:
+        yield
+        assert _listed(root) == before, "reading has changed the folder"
+    finally:
+        path.write_bytes(good)
+
+
+def files_in(root: Path) -> list[Path]:
+    """All of them, in an order that does not depend on the machine."""
+    return sorted(path for path in root.rglob("*") if path.is_file())
+
+
+def _listed(root: Path) -> list[tuple[str, int, int]]:
+    return [(str(path), path.stat().st_size, path.stat().st_mtime_ns) for path in files_in(root)]

@@ -2,9 +2,11 @@
 
 import copy
 import json
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+from hypothesis import note
 from hypothesis import strategies as st
 
 NUMBERS = st.one_of(
@@ -13,6 +15,7 @@ NUMBERS = st.one_of(
     st.floats(),
 )
 LEAVES = st.one_of(st.none(), st.booleans(), NUMBERS, st.text(max_size=8), st.sampled_from(["", "0", "../x"]))
+WORDS = ["nan", "inf", "-inf", "1e400", "0", "-1", "1", "9" * 30, "x", "", "../x", "/", "#", "\0", "1,2", ":"]
 VALUES = st.recursive(
     LEAVES,
     lambda inner: st.lists(inner, max_size=4) | st.dictionaries(st.text(max_size=5), inner, max_size=4),
@@ -31,6 +34,7 @@ def changed(draw: st.DrawFn, document: Any) -> Any:
             return draw(VALUES)
         inside, key = draw(st.sampled_from(places))
         what = draw(st.sampled_from(["other", "scaled", "gone", "twice"]))
+        note(f"{what}: {key!r} of {str(inside)[:60]}")
         if what == "gone":
             del inside[key]
         elif what == "twice" and isinstance(inside, list):
@@ -62,12 +66,56 @@ def garbled(draw: st.DrawFn, data: bytes) -> bytes:
         end = draw(st.sampled_from([min(64, len(data)), min(1000, len(data)), len(data)]))
         at = draw(st.integers(0, end))
         over, new = draw(st.integers(0, 8)), draw(st.binary(max_size=8))
+        note(f"at {at}: {data[at : at + over]!r} becomes {new!r}")
         data = data[:at] + new + data[at + over :]
     return data
 
 
 def encoded(document: Any) -> bytes:
     return json.dumps(document).encode()
+
+
+class Content(bytes):
+    """Of a file; short where a test that fails tells what it was given."""
+
+    def __repr__(self) -> str:
+        return super().__repr__() if len(self) < 300 else f"<{len(self)} bytes, see the notes>"
+
+
+@st.composite
+def reworded(draw: st.DrawFn, data: bytes) -> bytes:
+    """A text in which up to three words or lines are others, gone, or there twice."""
+    lines = [line.split(b" ") for line in data.split(b"\n")]
+    for _ in range(draw(st.integers(1, 3))):
+        line = draw(st.sampled_from(lines))
+        i = draw(st.integers(0, max(len(line) - 1, 0)))
+        what = draw(st.sampled_from(["other", "gone", "twice", "line gone", "line twice"]))
+        note(f"{what}: word {i} of {b' '.join(line)[:80]!r}")
+        if what == "other":
+            line[i : i + 1] = [draw(st.sampled_from(WORDS) | LEAVES.map(str)).encode(errors="replace")]
+        elif what == "gone":
+            del line[i : i + 1]
+        elif what == "twice":
+            line[i:i] = line[i : i + 1]
+        elif what == "line gone":
+            line.clear()
+        else:
+            lines.append(list(line))
+    return b"\n".join(b" ".join(line) for line in lines)
+
+
+@st.composite
+def damaged(draw: st.DrawFn, path: Path) -> Content | None:
+    """What a file may hold in place of what it does; None for no file."""
+    data = path.read_bytes()
+    how = draw(st.sampled_from(["gone", "garbled", "kind", "kind", "kind"]))
+    if how == "gone":
+        return None
+    if how == "kind" and path.suffix == ".json":
+        return Content(encoded(draw(changed(json.loads(data)))))
+    if how == "kind" and path.suffix in (".txt", ".csv", ".obj", ".off", ".yaml"):
+        return Content(draw(reworded(data)))
+    return Content(draw(garbled(data)))
 
 
 @st.composite

@@ -1,6 +1,5 @@
 """A picture of how often first guesses are as right as they say: `python -m objgraph.bench.pictures.headings`."""
 
-import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,6 +9,7 @@ import tyro
 from jaxtyping import Float
 from matplotlib.figure import Figure
 
+from objgraph.checked import parse_json
 from objgraph.errors import EvaluationError
 from objgraph.show import figure
 
@@ -64,7 +64,7 @@ def headings_picture(config: HeadingsConfig) -> None:
 
 def _read(path: Path, config: HeadingsConfig) -> tuple[str, int, Reliability]:
     try:
-        document = json.loads(path.read_text())
+        document = parse_json(path.read_bytes())
         found = document["first_guess"][str(config.views)]
         said, wanted = (np.array(found[key], float).ravel() for key in ("probability", "wanted"))
         return str(document["category"]), int(found["objects"]), reliability(said, wanted, config.bins)

@@ -12,6 +12,7 @@ from typing import Any, ClassVar, Generic, Protocol, Self, TypeVar
 
 from objgraph.atomic import write_file
 from objgraph.bench.comparison.running.runner import Job, run
+from objgraph.checked import fits, parse_json, typed
 from objgraph.errors import EvaluationError
 
 log = logging.getLogger(__name__)
@@ -106,7 +107,7 @@ class RowFile(Generic[R]):
 
     def _row(self, line: bytes, number: int) -> R:
         try:
-            return self.kind(**json.loads(line))
+            return typed(self.kind, parse_json(line))
         except (ValueError, TypeError) as error:
             raise EvaluationError(
                 f"{self.path}, line {number}: damaged, or of another version ({error}); "
@@ -188,7 +189,10 @@ def _check_settings(file: RowFile[Any], settings: Mapping[Any, Mapping[str, Any]
 
 def _read_settings(path: Path) -> dict[str, Any]:
     try:
-        return json.loads(path.read_text())
+        settings = parse_json(path.read_bytes())
+        if not fits(settings, dict[str, dict[str, Any]]):
+            raise ValueError("no settings by their digests")
+        return settings
     except FileNotFoundError:
         return {}
     except (OSError, ValueError) as error:

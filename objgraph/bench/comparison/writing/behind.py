@@ -19,6 +19,13 @@ _FIGURES = (
 )
 """Name in the JSON, in words, factor, digits, and 1 where more is better."""
 
+FIGURES_OF_ROWS: dict[str, Any] = {
+    **dict.fromkeys(("contender", "method", "category", "quality"), str | None),
+    "views": int | None,
+    **{name: float | None for name, *_ in _FIGURES},
+}
+"""What is read of a comparison's rows."""
+
 
 def behind_table(documents: Mapping[str, Mapping[str, Any]]) -> Grid:
     """By the comparisons' titles: a row for the best of those that are better than the graph of `against`, as printed."""
@@ -52,7 +59,7 @@ def behind_table(documents: Mapping[str, Mapping[str, Any]]) -> Grid:
 
 
 def _name(entry: Mapping[str, Any]) -> str:
-    return entry.get("contender", entry.get("method", ""))
+    return entry.get("contender") or entry.get("method") or ""
 
 
 def _words(key: str, value: Any) -> str:

@@ -8,6 +8,8 @@ from rich.markup import escape
 from rich.table import Table
 from rich.text import Text
 
+from objgraph.checked import typed
+
 NONE = "-"
 _INFINITE = "∞"
 
@@ -39,11 +41,12 @@ class Grid:
 
     @classmethod
     def of(cls, data: Mapping[str, Any]) -> Self:
-        """From its JSON (`dataclasses.asdict`)."""
+        """From its JSON (`dataclasses.asdict`); raises TypeError or KeyError where it is none."""
         sections = tuple(
-            tuple(tuple(Cell(**cell) for cell in row) for row in section) for section in data["sections"]
+            tuple(tuple(typed(Cell, cell) for cell in row) for row in section) for section in data["sections"]
         )
-        return cls(data["title"], tuple(data["header"]), sections, data["caption"], data["words"])
+        known = {"header": tuple(data["header"]), "sections": sections}
+        return typed(cls, {**data, **known})
 
     def rich(self) -> Table:
         """For the terminal."""
