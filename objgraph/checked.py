@@ -118,6 +118,7 @@ def inside(folder: Path, name: Any) -> Path:
         raise ValueError(f"{name!r} is no file's name")
     path = folder / name
     try:
+        path.exists()
         within = path.resolve().is_relative_to(folder.resolve())
     except (OSError, RuntimeError) as error:  # links that go round in a circle, names that are too long
         raise ValueError(f"{name!r} is no file's name ({error})") from error

@@ -17,8 +17,8 @@ from objgraph.observation.frames import Frame, FrameSource, Intrinsics
 
 log = logging.getLogger(__name__)
 
-MOST_PIXELS = 10**8
-"""Of an image."""
+MOST_PIXELS = 8 * 10**7
+"""Of an image; what Pillow warns of is larger."""
 _RIGID_TOLERANCE = 1e-2
 _INVALID_DEPTH = np.iinfo(np.uint16).max
 
@@ -241,7 +241,11 @@ def _decode(data: bytes, origin: object, flags: int) -> np.ndarray:
         with Image.open(BytesIO(data), formats=("PNG", "JPEG")) as header:
             check_pixels(*header.size, origin)
         image = cv2.imdecode(np.frombuffer(data, np.uint8), flags)
-    except (OSError, ValueError, SyntaxError, Image.DecompressionBombError, cv2.error) as error:
+    except Image.DecompressionBombError as error:
+        raise DatasetError(
+            f"{origin}: {error}; at most {MOST_PIXELS} pixels are read: scale it down, or export it again"
+        ) from error
+    except (OSError, ValueError, SyntaxError, cv2.error) as error:
         if isinstance(error, DatasetError):
             raise
         image = None

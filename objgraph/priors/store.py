@@ -15,7 +15,7 @@ from factors.deepsdf import DeepSdfConfig, DeepSdfDecoder
 from factors.errors import FactorError
 from factors.sdf_decoder import SdfDecoder
 from factors.superquadric import Superquadric, SuperquadricConfig
-from objgraph.checked import typed
+from objgraph.checked import check_fields, typed
 from objgraph.errors import PriorError
 from objgraph.priors.first_guess import FirstGuess, FirstGuessConfig
 from objgraph.priors.misfit import BoxMisfit
@@ -122,8 +122,8 @@ def load_prior_file(path: Path) -> ShapePrior:
     ]
     if not all(np.isfinite(array).all() for array in arrays):
         raise PriorError(f"{path}: a weight or statistic is not finite")
-    if surface_misfit <= 0:
-        raise PriorError(f"{path}: the factor on its surfaces' variances is {surface_misfit}, not positive")
+    if min(positive := [*numbers, surface_misfit, *([] if anisotropy is None else [anisotropy])]) <= 0:
+        raise PriorError(f"{path}: a standard deviation, size or factor is not positive: {positive}")
     decoder.requires_grad_(False).eval()
     return ShapePrior(
         category,
@@ -175,6 +175,7 @@ def _decoder_header(decoder: SdfDecoder) -> dict[str, Any]:
 def _decoder_of(header: dict[str, Any], weights: dict[str, Tensor]) -> SdfDecoder:
     """The decoder that a header describes; a header without a kind is of the first."""
     kind, *_ = _DECODERS
+    check_fields(header, {"kind": str | None})
     settings = {key: tuple(v) if isinstance(v, list) else v for key, v in header.items() if key != "kind"}
     network, config = _DECODERS[header.get("kind", kind)]
     return loaded_network(network, typed(config, settings), weights)

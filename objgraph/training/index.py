@@ -4,8 +4,9 @@ import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any, get_type_hints
 
-from objgraph.checked import inside, parse_json
+from objgraph.checked import check_fields, inside, numbers, parse_json
 from objgraph.errors import PriorError
 from objgraph.training.mesh_files import SUFFIXES, list_meshes
 
@@ -49,22 +50,7 @@ def read_index(folder: Path, category: str) -> list[CadMesh]:
         return _unlisted(folder, category)
     try:
         entries = parse_json(path.read_bytes())["meshes"]
-        meshes = [
-            CadMesh(
-                folder=folder,
-                file=str(inside(folder, entry["file"]).relative_to(folder)),
-                group=entry["group"],
-                licence=entry["licence"],
-                attribution=entry["attribution"],
-                source=entry["source_repo"],
-                size=None if entry["size_m"] is None else tuple(entry["size_m"]),
-                maker=entry.get("made_by", "people"),
-                kind=entry.get("kind", ""),
-                split=entry.get("split", "train"),
-            )
-            for entry in entries
-            if entry["category"] == category
-        ]
+        meshes = [_mesh(folder, entry) for entry in entries if entry["category"] == category]
     except OSError as error:
         raise PriorError(f"{path} cannot be read: {error}") from error
     except (ValueError, KeyError, TypeError) as error:
@@ -72,6 +58,27 @@ def read_index(folder: Path, category: str) -> list[CadMesh]:
     if not meshes:
         raise PriorError(f"{path} has no mesh of category {category!r}")
     return meshes
+
+
+def _mesh(folder: Path, entry: dict[str, Any]) -> CadMesh:
+    """The mesh of an entry; raises KeyError, TypeError or ValueError where it is none or lies elsewhere."""
+    size = entry["size_m"]
+    mesh = CadMesh(
+        folder=folder,
+        file=str(inside(folder, entry["file"]).relative_to(folder)),
+        group=entry["group"],
+        licence=entry["licence"],
+        attribution=entry["attribution"],
+        source=entry["source_repo"],
+        size=None if size is None else tuple(numbers(size, 3).tolist()),
+        maker=entry.get("made_by", "people"),
+        kind=entry.get("kind", ""),
+        split=entry.get("split", "train"),
+    )
+    check_fields(vars(mesh), get_type_hints(CadMesh))
+    if mesh.size is not None and min(mesh.size) <= 0:
+        raise ValueError(f"{mesh.file}: extents of {mesh.size} m")
+    return mesh
 
 
 def _unlisted(folder: Path, category: str) -> list[CadMesh]:

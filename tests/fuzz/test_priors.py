@@ -1,5 +1,6 @@
 """Shape priors: damaged files, and whole ones (their hash fits) of other headers and tensors."""
 
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -8,7 +9,6 @@ import pytest
 import torch
 from hypothesis import given
 from hypothesis import strategies as st
-from safetensors.torch import load_file
 
 from factors.code_mixture import CodeMixture
 from factors.decoder import Decoder, DecoderConfig
@@ -54,10 +54,14 @@ def use(path: Path) -> PriorEntry:
     priors_table([entry])
     prior = load_prior_file(path)
     assert np.isfinite(prior.draw_codes(3, np.random.default_rng(0))).all()
-    assert len(prior.starts) == len(prior.start_extents)
+    assert prior.starts.shape[1:] == prior.code_mean.shape
     assert prior.stands in (True, False)
     assert min(prior.residual_sigma, prior.size_mean, prior.size_log_sigma) > 0
     return entry
+
+
+def copied(good: Path) -> Path:
+    return Path(shutil.copyfile(good, good.parent / "other.safetensors"))
 
 
 @fuzzed
@@ -71,9 +75,9 @@ def test_a_damaged_file(good, data):
 @given(data=st.data())
 def test_a_header_of_other_values(good, data):
     header = data.draw(changed(load_tensors(good)[1]))
-    with replaced(good.parent, good, good.read_bytes()):
-        rewrite(good, lambda _, old: (old.clear(), old.update(header if isinstance(header, dict) else {})))
-        attempt(use, good)
+    other = copied(good)
+    rewrite(other, lambda _, old: (old.clear(), old.update(header if isinstance(header, dict) else {})))
+    attempt(use, other)
 
 
 @fuzzed
@@ -81,13 +85,10 @@ def test_a_header_of_other_values(good, data):
 def test_tensors_of_other_shapes_types_and_values(good, data):
     def change(tensors: dict[str, torch.Tensor], _: dict) -> None:
         name = data.draw(st.sampled_from(sorted(tensors)))
-        array = data.draw(arrays(tensors.pop(name).numpy()))
+        array = data.draw(arrays(tensors.pop(name).numpy().copy()))
         if isinstance(array, np.ndarray) and array.dtype.kind in "fiub":
             tensors[name] = torch.from_numpy(np.array(array, order="C"))
-            if data.draw(st.integers(0, 9)) == 0:
-                tensors[name] = tensors[name].to(torch.bfloat16)
 
-    assert load_file(good)
-    with replaced(good.parent, good, good.read_bytes()):
-        rewrite(good, change)
-        attempt(use, good)
+    other = copied(good)
+    rewrite(other, change)
+    attempt(use, other)

@@ -18,6 +18,7 @@ from tests.objgraph.bench.test_comparison_report import made_up
 from tests.objgraph.cli.test_suite import document
 
 SETTINGS = {"seed": 0, "solver": {"steps": 3}}
+FIGURES_OF_A_PART = encoded(document())
 ROWS = [dataclasses.replace(row, settings=digest(SETTINGS)) for row in made_up()[:3]]
 
 
@@ -71,6 +72,6 @@ def test_a_page_of_damaged_figures(tmp_path_factory, data):
     folder = fresh(tmp_path_factory, "suite")
     path = folder / "hard-families" / FIGURES
     path.parent.mkdir()
-    path.write_bytes(encoded(document()))
+    path.write_bytes(FIGURES_OF_A_PART)
     path.write_bytes(data.draw(damaged(path)) or b"")
     attempt(render, "docs", folder, folder / "docs")
