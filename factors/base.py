@@ -9,12 +9,16 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from factors import checks
 from factors.errors import FactorError
 from factors.keys import readable_key
 from factors.reduce import Rows, guarded_factor, reduce_rows
 from factors.sdf import SdfQuery, query_points, sdf_jacobian
 from factors.sdf_decoder import SdfDecoder, SdfJet
 from factors.state import CAMERA_DOF, POSE_DOF, SCALE_DOF, ObjectKeys, ObjectState
+
+SLOPES = checks.Range(1e-3, 1e6)
+"""Of the occupancy, 1/metres: beyond them probabilities are all one half, or 0 and 1."""
 
 
 @dataclass(frozen=True)
@@ -23,6 +27,9 @@ class Annealing:
 
     slope: float = 400.0
     """Slope of the occupancy sigmoid, 1/metres (paper eq:sloped_sigmoid: l = 400)."""
+
+    def __post_init__(self) -> None:
+        checks.settings(self, slope=SLOPES)
 
 
 @dataclass
@@ -54,10 +61,18 @@ class ObservationFactor(ABC):
         camera: gtsam.Pose3 | int,
         body_T_camera: gtsam.Pose3 | None = None,
     ) -> None:
-        self.object_keys = keys
-        self.decoder = decoder
-        self.camera = camera
-        self.body_T_camera = body_T_camera
+        """Raises FactorError where one of them is of another kind, or a pose is not finite."""
+        name = type(self).__name__
+        self.object_keys = checks.instance(f"{name}: keys", keys, ObjectKeys)
+        self.decoder = checks.instance(f"{name}: decoder", decoder, SdfDecoder)
+        self.camera = (
+            checks.pose(f"{name}: camera", camera)
+            if isinstance(camera, gtsam.Pose3)
+            else checks.key(f"{name}: camera (a Pose3 or a key)", camera)
+        )
+        self.body_T_camera = (
+            None if body_T_camera is None else checks.pose(f"{name}: body_T_camera", body_T_camera)
+        )
         self._decoded: _Decoded | None = None
 
     @property

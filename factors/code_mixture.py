@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Float, Int
 from numpy.random import Generator
 
+from factors import checks
 from factors.errors import FactorError
 from factors.keys import readable_key
 from factors.reduce import guarded_factor
@@ -25,6 +26,9 @@ class CodeMixture:
 
     def __post_init__(self) -> None:
         """Raises FactorError where the arrays do not fit each other or are not finite and positive."""
+        for name, shape in (("weight", (None,)), ("mean", (None, None)), ("variance", (None, None))):
+            found = checks.array(f"a mixture's {name}", getattr(self, name), shape, finite=False)
+            object.__setattr__(self, name, found)
         k, shape = len(self.weight), self.mean.shape
         if (
             self.weight.shape != (k,)

@@ -11,6 +11,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
+from factors import checks
 from factors.affine import affine, through
 from factors.errors import FactorError
 from factors.sdf_decoder import LinearInjection
@@ -38,6 +39,14 @@ class DecoderConfig:
     """Units of the two layers of a network that the code passes once a shape, before it enters at every hidden layer;
     without any it enters as it is, at the first and the skip layer."""
 
+    def __post_init__(self) -> None:
+        """Raises FactorError where there is no such network, or one larger than any that was trained."""
+        units = checks.Range(1, 8192)
+        checks.settings(
+            self, code_length=units, width=units, depth=checks.Range(1, 64), skip=checks.Range(0, 63),
+            octaves=checks.Range(0, 16), mapping=checks.Range(0, 8192),
+        )  # fmt: skip
+
 
 class Decoder(LinearInjection):
     """Layers of one width; code and point enter at the first and, a second time, at the skip layer."""
@@ -46,7 +55,7 @@ class Decoder(LinearInjection):
 
     def __init__(self, config: DecoderConfig | None = None) -> None:
         super().__init__()
-        self.config = config = config or DecoderConfig()
+        self.config = config = checks.settings_or_default(config, DecoderConfig)
         if not 0 <= config.skip < config.depth:
             raise FactorError(f"the skip layer {config.skip} is not one of the {config.depth} hidden layers")
         features = 3 + 6 * config.octaves

@@ -9,6 +9,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from factors import checks
 from factors.base import Annealing, ObservationFactor, place_of
 from factors.errors import FactorError
 from factors.full_distribution import FullDistribution
@@ -27,7 +28,7 @@ from factors.rendering import CLEAR, RaySamples, RayTargets, RenderedRows, Rende
 from factors.sdf import MetricSdf, SdfQuery, query_points
 from factors.sdf_decoder import SdfDecoder, SdfJet
 from factors.state import ObjectKeys, ObjectState
-from factors.weighting import Weighting
+from factors.weighting import LENGTHS, Weighting, weighting_of
 
 _NEGLIGIBLE = 1e-7
 """A cell whose derivative is smaller than this share of the largest is not differentiated."""
@@ -45,6 +46,10 @@ class RaySampling:
     """Equal steps through the object's box that find the surface, at every refresh."""
     cells: int = 10
     """Cells a ray that the factor decodes at every evaluation."""
+
+    def __post_init__(self) -> None:
+        """Raises FactorError where one is no number of steps."""
+        checks.settings(self, coarse=checks.Range(1, 500), cells=checks.Range(2, 500))
 
 
 @dataclass(frozen=True)
@@ -99,15 +104,25 @@ class DepthFactor(ObservationFactor):
         """`prior_sigma` is the decoder's standard deviation in canonical units; `half_box` are half the edges of the
         canonical box that holds the shapes: rays are cut within it."""
         super().__init__(keys, decoder, camera, body_T_camera)
-        self._rays = rays
-        self._renderer = renderer or FullDistribution()
-        self._prior_sigma = prior_sigma
-        self._weighting = weighting or Weighting()
-        self._sampling = sampling or RaySampling()
-        self._half_box = half_box
+        self._rays = checks.instance("rays", rays, Rays)
+        self._renderer = FullDistribution() if renderer is None else renderer
+        if not hasattr(self._renderer, "render"):
+            raise FactorError(f"a {type(renderer).__name__} is no renderer: FullDistribution() is one")
+        self._prior_sigma = checks.number("prior_sigma", prior_sigma, LENGTHS)
+        self._weighting = self._weighting_of(weighting)
+        self._sampling = (
+            RaySampling() if sampling is None else checks.instance("sampling", sampling, RaySampling)
+        )
+        self._half_box = checks.reals("half_box", half_box, None, checks.POSITIVE)
+        if self._half_box.shape not in ((), (3,)):
+            raise FactorError(f"half_box has shape {self._half_box.shape} where one edge or three are due")
         self._frozen: _Frozen | None = None
         self._rendered: _Rendered | None = None
         self._frozen_at: bytes | None = None
+
+    def _weighting_of(self, weighting: Weighting | None) -> Weighting:
+        """Checked to be of the rays."""
+        return weighting_of(weighting, len(self._rays.depth))
 
     @property
     def is_frozen(self) -> bool:

@@ -8,6 +8,7 @@ import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
+from factors import checks
 from factors.base import Annealing, ObservationFactor
 from factors.errors import FactorError
 from factors.reduce import Rows
@@ -15,6 +16,7 @@ from factors.score import cauchy_root, cauchy_score
 from factors.sdf import SdfQuery, query_points
 from factors.sdf_decoder import SdfDecoder, SdfJet
 from factors.state import RIGID_DOF, ObjectKeys, ObjectState
+from factors.weighting import DEVIATIONS
 
 SIDES = 6
 _ACROSS = 24
@@ -49,13 +51,8 @@ class FilledBoxFactor(ObservationFactor):
             FactorError: an edge or the standard deviation is not positive.
         """
         super().__init__(keys, decoder, gtsam.Pose3())
-        box = np.asarray(box, dtype=float)
-        if box.shape != (3,) or not (box > 0).all() or not sigma > 0:
-            raise FactorError(
-                f"a box needs three positive edges and a standard deviation, not {box} and {sigma}"
-            )
-        self._sides = _sides(box / 2)
-        self._sigma = sigma
+        self._sides = _sides(checks.reals("a box's edges", box, (3,), DEVIATIONS) / 2)
+        self._sigma = checks.number("a box's standard deviation", sigma, DEVIATIONS)
         self._p_object: Float[np.ndarray, "n 3"] | None = None
         self._frozen_at: bytes | None = None
 

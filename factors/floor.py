@@ -6,9 +6,11 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from factors import checks
 from factors.base import Annealing
 from factors.depth import DepthFactor, RaySampling
-from factors.errors import FactorError
+from factors.errors import NotFiniteError
+from factors.keys import readable_key
 from factors.rays import BOX_HALF_SIZE, Rays
 from factors.reduce import Rows
 from factors.rendering import Renderer
@@ -16,12 +18,16 @@ from factors.score import cauchy_root, cauchy_score
 from factors.sdf import SdfQuery, sdf_jacobian
 from factors.sdf_decoder import SdfDecoder, SdfJet
 from factors.state import CAMERA_DOF, POSE_DOF, ObjectKeys, ObjectState
-from factors.weighting import Weighting
+from factors.weighting import DEVIATIONS, LENGTHS, PLACES, Weighting, weighting_of
 
 _BELOW = 3.0
 """Depth of the imagined camera under the floor, metres."""
 SPACING = 0.08
 """Metres between rays at the floor: dense enough that few legs go on unseen under it."""
+SPACINGS = checks.Range(1e-3, 1e3)
+"""Metres between rays that can be told apart and counted."""
+_WIDEST = 60
+"""Rays to either side of the middle at most: of what is larger than any furniture they are farther apart."""
 _CORRELATION_LENGTH = 0.2
 """Metres: a floor errs together over so much, as every surface does."""
 _LITTLE = RaySampling(coarse=4, cells=4)
@@ -72,20 +78,23 @@ class FloorFactor(DepthFactor):
         Raises:
             FactorError: `up_world` has no direction, or the floor no height.
         """
-        self._up = np.asarray(up_world, dtype=float)
-        length = np.linalg.norm(self._up)
-        if self._up.shape != (3,) or not np.isfinite(length) or length == 0.0:
-            raise FactorError(f"the floor needs the direction that is up, not {up_world}")
-        if not np.isfinite(floor):
-            raise FactorError(f"the floor cannot be at height {floor}")
-        self._up, self._floor, self._sigma = self._up / length, float(floor), sigma
-        self._spacing = spacing
-        self._stands = stands
+        self._up = checks.direction("the floor's up_world", up_world)
+        self._floor = checks.number("the floor's height", floor, PLACES)
+        self._sigma = checks.number("the floor's sigma", sigma, DEVIATIONS)
+        self._spacing = checks.number("the floor's spacing", spacing, SPACINGS)
+        self._stands = None if stands is None else checks.number("stands, or None,", stands, LENGTHS)
         super().__init__(
             keys, decoder, gtsam.Pose3(), _rays_from_below(1.0, sigma, spacing),
             renderer=renderer, prior_sigma=prior_sigma, sampling=_LITTLE,
-            weighting=weighting or Weighting("information", floor_share(spacing)), half_box=half_box,
+            weighting=Weighting("information", floor_share(spacing)) if weighting is None else weighting,
+            half_box=half_box,
         )  # fmt: skip
+
+    def _weighting_of(self, weighting: Weighting | None) -> Weighting:
+        """One for all rays: they are other ones at every refresh."""
+        found = weighting_of(weighting, len(self._rays.depth))
+        checks.number("the amount of a floor's weighting", found.amount)
+        return found
 
     def T_world_camera(self, values: gtsam.Values) -> gtsam.Pose3:
         """Under the object, looking up, its x axis along the object's."""
@@ -97,6 +106,8 @@ class FloorFactor(DepthFactor):
 
     def refresh(self, values: gtsam.Values, annealing: Annealing = Annealing()) -> None:  # noqa: B008
         reach = float(np.linalg.norm(np.broadcast_to(self._half_box, 3)) * self.state(values).scale.max())
+        if not np.isfinite(reach):
+            raise NotFiniteError(f"{readable_key(self.object_keys.log_scale)} holds a scale without end")
         self._rays = _rays_from_below(reach, self._sigma, self._spacing)
         super().refresh(values, annealing)
 
@@ -160,7 +171,7 @@ def _level_axis(axis: Float[np.ndarray, "3"], up: Float[np.ndarray, "3"]) -> Flo
 
 def floor_share(spacing: float) -> float:
     """The part of an independent measurement that each of the floor's rays is, `spacing` metres from the next."""
-    return min(1.0, (spacing / _CORRELATION_LENGTH) ** 2)
+    return min(1.0, (checks.number("the floor's spacing", spacing, SPACINGS) / _CORRELATION_LENGTH) ** 2)
 
 
 def _rays_from_below(reach: float, sigma: float, spacing: float) -> Rays:
@@ -168,6 +179,7 @@ def _rays_from_below(reach: float, sigma: float, spacing: float) -> Rays:
 
     Their pattern is turned and off the middle: the legs of a symmetric shape are not hit or missed all at once.
     """
+    spacing = max(spacing, reach / _WIDEST)
     count = int(np.ceil(reach / spacing)) + 2
     steps = np.arange(-count, count + 1)
     i, j = (axis.ravel() for axis in np.meshgrid(steps + 0.31, steps + 0.17))

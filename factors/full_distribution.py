@@ -8,6 +8,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from factors import checks
 from factors.occupancy import PROBIT_SCALE, probit_occupancy
 from factors.rendering import ESCAPE, RaySamples, RenderedRows
 
@@ -31,6 +32,10 @@ class FullDistribution:
     reach: float | None = 3.0
     """Spreads about the surface's depth (for a free ray: of the outline next to it) that weigh fully; the rest of
     the ray on either side weighs as much as one more. None: every metre weighs the same."""
+
+    def __post_init__(self) -> None:
+        """Raises FactorError where there is no such correlation, or the reach is not positive."""
+        checks.settings(self, reach=checks.POSITIVE)
 
     def freeze(self, samples: RaySamples) -> Float[Tensor, "r"]:
         return _tau(samples).gather(1, samples.sdf.abs().argmin(dim=1, keepdim=True))[:, 0]

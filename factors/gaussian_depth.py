@@ -8,6 +8,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from factors import checks
 from factors.occupancy import (
     OccupancyMoments,
     depth_mean,
@@ -93,6 +94,10 @@ class Probabilistic(GaussianDepth):
     moments: Literal["quadrature", "sobol"] = "quadrature"
     """How the logit-normal's moments are found: "sobol" is the paper's, 128 points by the inverse transform."""
 
+    def __post_init__(self) -> None:
+        """Raises FactorError where there is no such variance or way to find it."""
+        checks.settings(self, draws=checks.Range(2, 2**16))
+
     def occupancy(self, sdf: Tensor, sdf_sigma: Tensor, slope: float) -> OccupancyMoments:
         """Logit-normal moments; where the SDF is certain, those of a number."""
         of = quadrature_moments if self.moments == "quadrature" else sobol_moments
@@ -158,6 +163,10 @@ class Deterministic(GaussianDepth):
     squared_up_to: float | None = None
     """Square metres: the score that is followed is the squared error, no more than this (the released program); None
     follows the absolute error. `freeze` and `render` do not know it."""
+
+    def __post_init__(self) -> None:
+        """Raises FactorError where the bound is not positive."""
+        checks.settings(self, squared_up_to=checks.POSITIVE)
 
     def score(self, samples: RaySamples) -> Float[Tensor, "r"]:
         """See `Renderer`."""

@@ -4,18 +4,22 @@ import gtsam
 import numpy as np
 from jaxtyping import Float
 
-from factors.state import ObjectKeys
+from factors import checks
+from factors.state import LOG_SCALES, ObjectKeys
+from factors.weighting import DEVIATIONS
 
 
 def code_prior(
     keys: ObjectKeys, mean: Float[np.ndarray, "l"], covariance: Float[np.ndarray, "l l"]
 ) -> gtsam.NonlinearFactor:
-    """The code is distributed as the training codes were."""
-    return gtsam.PriorFactorVector(
-        keys.code,
-        np.asarray(mean, float),
-        gtsam.noiseModel.Gaussian.Covariance(np.asarray(covariance, float)),
-    )
+    """The code is distributed as the training codes were.
+
+    Raises:
+        FactorError: the mean is no vector of numbers, or the covariance none of its.
+    """
+    mean = checks.reals("the mean code", mean, (None,))
+    covariance = checks.covariance("the codes' covariance", covariance, len(mean))
+    return gtsam.PriorFactorVector(_keys(keys).code, mean, gtsam.noiseModel.Gaussian.Covariance(covariance))
 
 
 def scale_covariance(size_sigma: float, anisotropy_sigma: float) -> Float[np.ndarray, "3 3"]:
@@ -29,19 +33,24 @@ def scale_prior(
 ) -> gtsam.NonlinearFactor:
     """The object is as large as its category's are, and its three scales are nearly equal.
 
-    `size_sigma` is the standard deviation of the mean log-scale, `anisotropy_sigma` of each axis about it.
+    `size_sigma` is the standard deviation of the mean log-scale, `anisotropy_sigma` of each axis about it. As of all
+    priors here, FactorError says which number is none, or a standard deviation that is not positive.
     """
-    covariance = scale_covariance(size_sigma, anisotropy_sigma)
+    covariance = scale_covariance(
+        _sigma("size_sigma", size_sigma), _sigma("anisotropy_sigma", anisotropy_sigma)
+    )
+    mean = checks.number("mean_log_scale", mean_log_scale, LOG_SCALES)
     return gtsam.PriorFactorVector(
-        keys.log_scale, np.full(3, float(mean_log_scale)), gtsam.noiseModel.Gaussian.Covariance(covariance)
+        _keys(keys).log_scale, np.full(3, mean), gtsam.noiseModel.Gaussian.Covariance(covariance)
     )
 
 
 def upright_prior(keys: ObjectKeys, up_world: Float[np.ndarray, "3"], sigma: float) -> gtsam.NonlinearFactor:
     """The object's own up axis (+y) points against gravity, to within `sigma` radians about each axis."""
-    noise = gtsam.noiseModel.Isotropic.Sigma(2, sigma)
+    noise = gtsam.noiseModel.Isotropic.Sigma(2, _sigma("upright sigma", sigma))
+    up_world = checks.direction("up_world", up_world)
     return gtsam.AttitudeFactorPose3(
-        keys.pose, gtsam.Unit3(np.asarray(up_world, float)), noise, gtsam.Unit3(np.array([0.0, 1.0, 0.0]))
+        _keys(keys).pose, gtsam.Unit3(up_world), noise, gtsam.Unit3(np.array([0.0, 1.0, 0.0]))
     )
 
 
@@ -53,13 +62,23 @@ def placed_prior(
     position_sigma: float,
 ) -> gtsam.NonlinearFactor:
     """The object is where a detector has it: radians about its own up axis and about the two others, metres."""
-    rotation = [lean_sigma, heading_sigma, lean_sigma]
-    noise = gtsam.noiseModel.Diagonal.Sigmas(np.array([*rotation, *[position_sigma] * 3]))
-    return gtsam.PriorFactorPose3(keys.pose, T_world_object, noise)
+    lean, heading = _sigma("lean_sigma", lean_sigma), _sigma("heading_sigma", heading_sigma)
+    position = _sigma("position_sigma", position_sigma)
+    noise = gtsam.noiseModel.Diagonal.Sigmas(np.array([lean, heading, lean, *[position] * 3]))
+    return gtsam.PriorFactorPose3(_keys(keys).pose, checks.pose("T_world_object", T_world_object), noise)
 
 
 def sized_prior(keys: ObjectKeys, log_scale: Float[np.ndarray, "3"], sigma: float) -> gtsam.NonlinearFactor:
     """Each axis of the object is as long as a detector has it, to within `sigma` of its logarithm."""
+    mean = checks.reals("log_scale", log_scale, (3,), LOG_SCALES)
     return gtsam.PriorFactorVector(
-        keys.log_scale, np.asarray(log_scale, float), gtsam.noiseModel.Isotropic.Sigma(3, sigma)
+        _keys(keys).log_scale, mean, gtsam.noiseModel.Isotropic.Sigma(3, _sigma("size sigma", sigma))
     )
+
+
+def _keys(keys: ObjectKeys) -> ObjectKeys:
+    return checks.instance("keys", keys, ObjectKeys)
+
+
+def _sigma(what: str, value: float) -> float:
+    return checks.number(what, value, DEVIATIONS)

@@ -8,8 +8,10 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
+from factors import checks
 from factors.errors import FactorError
 from factors.state import ObjectState
+from factors.weighting import DEVIATIONS, PLACES
 
 BOX_HALF_SIZE = 0.55
 """Half the edge of the canonical cube that holds every shape (diagonal 1, so no half extent exceeds 0.5)."""
@@ -32,19 +34,25 @@ class Rays:
     """Standard deviation of what the ray says of the surface's place, metres."""
 
     def __post_init__(self) -> None:
-        n = len(self.directions_camera)
-        if n == 0 or self.directions_camera.shape != (n, 3):
-            raise FactorError(f"rays of shape {self.directions_camera.shape}: (r, 3) with r > 0 is due")
-        for name in ("depth", "hit", "end", "sigma"):
-            if getattr(self, name).shape != (n,):
-                raise FactorError(f"`{name}` of the rays must have {n} entries")
-        if not np.isfinite(self.directions_camera).all() or np.isnan([self.depth, self.end]).any():
-            raise FactorError("ray directions and depths must not be NaN: drop pixels without depth first")
-        if (
-            not ((self.depth > 0) & np.isfinite(self.depth)).all()
-            or not ((self.sigma > 0) & np.isfinite(self.sigma)).all()
-        ):
-            raise FactorError("depths and standard deviations of rays must be positive")
+        directions = checks.reals(
+            "`directions_camera` of the rays", self.directions_camera, (None, 3), PLACES
+        )
+        n = len(directions)
+        if n == 0:
+            raise FactorError("rays of shape (0, 3): at least one is due")
+        if not np.allclose(directions[:, 2], 1.0):
+            raise FactorError("ray directions must have z = 1, so that lengths along them are z-depths")
+        found = {
+            "directions_camera": directions,
+            "depth": checks.reals("`depth` of the rays", self.depth, (n,), DEVIATIONS),
+            "hit": checks.array("`hit` of the rays", self.hit, (n,), kinds="b"),
+            "end": checks.array("`end` of the rays", self.end, (n,), finite=False).astype(float),
+            "sigma": checks.reals("`sigma` of the rays", self.sigma, (n,), DEVIATIONS),
+        }
+        if np.isnan(found["end"]).any():
+            raise FactorError("`end` of the rays must not be NaN: drop pixels without depth first")
+        for name, value in found.items():
+            object.__setattr__(self, name, value)
 
     def take(self, indices: np.ndarray) -> "Rays":
         """Some of the rays."""

@@ -7,6 +7,7 @@ import numpy as np
 from gtsam.symbol_shorthand import O, S, Z
 from jaxtyping import Float
 
+from factors import checks
 from factors.errors import FactorError
 from factors.keys import readable_key
 
@@ -15,6 +16,8 @@ SCALE_DOF = 3
 CAMERA_DOF = 6
 RIGID_DOF = POSE_DOF + SCALE_DOF
 """Size of the 9-DoF block: rotation, translation, log-scale."""
+LOG_SCALES = checks.Range(-14.0, 14.0)
+"""Of what an estimate may begin at: from micrometres to a thousand kilometres."""
 
 
 @dataclass(frozen=True)
@@ -28,9 +31,18 @@ class ObjectKeys:
     code: int
     """`Vector(l)`, the shape code."""
 
+    def __post_init__(self) -> None:
+        """Raises FactorError where one is no key, or two are the same."""
+        for name, key in list(vars(self).items()):
+            object.__setattr__(self, name, checks.key(f"ObjectKeys.{name}", key))
+        if len(set(self)) < len(vars(self)):
+            names = ", ".join(readable_key(key) for key in self)
+            raise FactorError(f"the keys of an object must be three different ones, not {names}")
+
     @classmethod
     def numbered(cls, index: int) -> "ObjectKeys":
         """The default keys o{index}, s{index}, z{index}."""
+        index = checks.whole("the number of an object", index, checks.Range(0, 2**48))
         return cls(O(index), S(index), Z(index))
 
     def __iter__(self):
@@ -48,9 +60,27 @@ class ObjectState:
     log_scale: Float[np.ndarray, "3"]
     code: Float[np.ndarray, "l"]
 
+    def __post_init__(self) -> None:
+        """Raises FactorError where one of them is of another kind or shape; they need not be finite (`check_finite`)."""
+        checks.instance("ObjectState.T_world_object", self.T_world_object, gtsam.Pose3)
+        for name, shape in (("log_scale", (3,)), ("code", (None,))):
+            found = checks.array(f"ObjectState.{name}", getattr(self, name), shape, finite=False)
+            object.__setattr__(self, name, found)
+
     @classmethod
     def from_values(cls, values: gtsam.Values, keys: ObjectKeys) -> "ObjectState":
-        return cls(values.atPose3(keys.pose), values.atVector(keys.log_scale), values.atVector(keys.code))
+        """Raises FactorError where one of the keys is not in the values, or is of something else."""
+        try:
+            return cls(values.atPose3(keys.pose), values.atVector(keys.log_scale), values.atVector(keys.code))
+        except RuntimeError as error:
+            names = ", ".join(readable_key(key) for key in keys)
+            raise FactorError(f"the values hold no object at {names}: {str(error).strip()}") from error
+
+    def check_finite(self, keys: ObjectKeys) -> None:
+        """Raise FactorError naming the key of what is not finite, or of a scale that no object has."""
+        checks.pose(f"{readable_key(keys.pose)}, T_world_object,", self.T_world_object)
+        checks.reals(f"{readable_key(keys.log_scale)}, the log-scale,", self.log_scale, (3,), LOG_SCALES)
+        checks.reals(f"{readable_key(keys.code)}, the code,", self.code, (None,))
 
     def insert(self, values: gtsam.Values, keys: ObjectKeys) -> None:
         """Add this state to `values`; raises FactorError naming the key if one is taken."""

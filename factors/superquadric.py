@@ -9,6 +9,8 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from factors import checks
+from factors.errors import FactorError
 from factors.sdf_decoder import SdfDecoder
 
 SEMI_AXIS = 0.5 / 3**0.5
@@ -29,6 +31,13 @@ class SuperquadricConfig:
     taper: float = 0.3
     """Largest change of width from the middle to the top, as a share of it."""
 
+    def __post_init__(self) -> None:
+        """Raises FactorError where the exponents are below 2 or do not rise, or the taper leaves no width."""
+        exponents = checks.Range(2.0, 1000.0)
+        checks.settings(self, roundest=exponents, squarest=exponents, taper=checks.Range(0.0, 0.95))
+        if self.roundest > self.squarest:
+            raise FactorError(f"the exponents {self.roundest} to {self.squarest} do not rise")
+
 
 class Superquadric(SdfDecoder):
     """Signed distance to a superquadric, to first order and by no more than a factor of about two elsewhere.
@@ -43,7 +52,7 @@ class Superquadric(SdfDecoder):
 
     def __init__(self, config: SuperquadricConfig | None = None) -> None:
         super().__init__()
-        self.config = config or SuperquadricConfig()
+        self.config = checks.settings_or_default(config, SuperquadricConfig)
         self._like: Tensor
         self.register_buffer("_like", torch.empty(0), persistent=False)
 

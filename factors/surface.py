@@ -8,14 +8,15 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from factors import checks
 from factors.base import Annealing, ObservationFactor, place_of
 from factors.errors import FactorError
 from factors.reduce import Rows
 from factors.score import bounded_score, bounded_slope, energy_score, majorizing_weight
 from factors.sdf import MetricSdf, SdfQuery, propagated_variance, query_points, sdf_jacobian
 from factors.sdf_decoder import SdfDecoder, SdfJet
-from factors.state import ObjectKeys
-from factors.weighting import Weighting
+from factors.state import RIGID_DOF, ObjectKeys
+from factors.weighting import DEVIATIONS, LENGTHS, PLACES, Weighting, weighting_of
 
 
 class _Frozen(NamedTuple):
@@ -53,23 +54,33 @@ class SurfaceFactor(ObservationFactor):
         """`sigma` is the sensor's standard deviation in metres; `prior_sigma` the decoder's, canonical; `tail` in metres, once
         rays are sharp."""
         super().__init__(keys, decoder, camera, body_T_camera)
-        points_camera, sigma = np.asarray(points_camera, dtype=float), np.asarray(sigma, dtype=float)
-        if points_camera.ndim != 2 or points_camera.shape[1] != 3 or len(points_camera) == 0:
-            raise FactorError(f"surface points of shape {points_camera.shape}: (n, 3) with n > 0 is due")
-        if sigma.shape != points_camera.shape[:1] or not (sigma > 0).all():
-            raise FactorError("every surface point needs a positive standard deviation")
-        if tail is not None and not tail > 0.0:
-            raise FactorError(f"a tail of {tail} m: it must be positive, or None for the score as it is")
-        if not np.isfinite(points_camera).all():
-            raise FactorError("surface points must be finite: drop pixels without depth first")
-        self._points_camera = points_camera
+        self._points_camera = checks.reals("surface points", points_camera, (None, 3), PLACES)
+        if len(self._points_camera) == 0:
+            raise FactorError("surface points of shape (0, 3): at least one is due")
+        sigma = checks.reals(
+            "the surface points' standard deviations", sigma, (len(self._points_camera),), DEVIATIONS
+        )
         self._sensor_sigma = torch.as_tensor(sigma)
-        self._prior_sigma = prior_sigma
-        self._weighting = weighting or Weighting()
-        self._state_covariance = None if state_covariance is None else torch.as_tensor(state_covariance)
-        self._tail = tail
+        self._prior_sigma = checks.number("prior_sigma", prior_sigma, LENGTHS)
+        self._weighting = weighting_of(weighting, len(self._points_camera))
+        self._state_covariance = self._checked(state_covariance)
+        self._tail = None if tail is None else checks.number("the tail, or None,", tail, DEVIATIONS)
         self._frozen: _Frozen | None = None
         self._frozen_at: bytes | None = None
+
+    def _checked(self, covariance: np.ndarray | None) -> Float[Tensor, "d d"] | Float[Tensor, "d"] | None:
+        """Of the object's state, whole or its diagonal."""
+        if covariance is None:
+            return None
+        length = RIGID_DOF + self.decoder.code_length
+        matrix = checks.reals("state_covariance", covariance, None)
+        if matrix.shape not in ((length,), (length, length)):
+            raise FactorError(
+                f"state_covariance has shape {matrix.shape} where {(length, length)} or its diagonal is due"
+            )
+        if (matrix if matrix.ndim == 1 else np.diag(matrix)).min() < 0:
+            raise FactorError("state_covariance has a negative variance")
+        return torch.as_tensor(matrix)
 
     @property
     def is_frozen(self) -> bool:
@@ -91,7 +102,7 @@ class SurfaceFactor(ObservationFactor):
         variance = self._sensor_sigma**2 + (self._prior_sigma * metric.metres) ** 2
         if self._state_covariance is not None:
             jacobian = metric.metres[:, None] * sdf_jacobian(query, jet, camera=False).double()
-            variance = variance + propagated_variance(jacobian, self._state_covariance)
+            variance = variance + propagated_variance(jacobian, self._state_covariance).clamp_min(0)
         sigma = variance.sqrt()
         tail = None if self._tail is None else self._tail * (Annealing.slope / annealing.slope) ** 0.5
         self._frozen = _Frozen(metric, sigma, self._weighting.per_row(sigma), tail)

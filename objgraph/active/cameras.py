@@ -6,6 +6,8 @@ import gtsam
 import numpy as np
 from jaxtyping import Float
 
+from factors import checks
+from factors.weighting import PLACES
 from objgraph.errors import ActiveVisionError
 from objgraph.geometry.frames import level_axes, look_at
 
@@ -22,9 +24,11 @@ def looking_at(
     Raises:
         ActiveVisionError: the two are one point.
     """
-    if not np.linalg.norm(np.asarray(target, float) - eye) > 0:
+    eye = checks.reals("eye", eye, (3,), PLACES, ActiveVisionError)
+    target = checks.reals("target", target, (3,), PLACES, ActiveVisionError)
+    if not np.linalg.norm(target - eye) > 1e-9:
         raise ActiveVisionError(f"a camera at {eye} cannot look at the point where it is")
-    return gtsam.Pose3(look_at(np.asarray(eye, float), np.asarray(target, float), up_world))
+    return gtsam.Pose3(look_at(eye, target, checks.direction("up_world", up_world, ActiveVisionError)))
 
 
 def sphere(
@@ -39,12 +43,17 @@ def sphere(
     Raises:
         ActiveVisionError: there are none, the radius is not positive, or the elevations do not rise within -90 to 90.
     """
-    low, high = elevations
-    if count < 1 or not radius > 0 or not -90 <= low <= high <= 90:
+    centre = checks.reals("centre", centre, (3,), PLACES, ActiveVisionError)
+    checks.whole("the count of cameras on a sphere", count, checks.Range(1, 10**6), ActiveVisionError)
+    checks.number("the radius of a sphere of cameras", radius, checks.Range(1e-6, 1e6), ActiveVisionError)
+    low, high = checks.reals(
+        "the elevations of cameras on a sphere", elevations, (2,), checks.Range(-90, 90), ActiveVisionError
+    )
+    if low > high:
         raise ActiveVisionError(
-            f"cameras on a sphere need a count ({count}), a radius ({radius}) and rising elevations ({elevations})"
+            f"the elevations of cameras on a sphere must rise, not go from {low:g} to {high:g}"
         )
-    up = np.asarray(up_world, float) / np.linalg.norm(up_world)
+    up = checks.direction("up_world", up_world, ActiveVisionError)
     east, north = level_axes(up)
     steps = np.arange(count)
     # equal areas of the zone: the sine of the elevation rises evenly

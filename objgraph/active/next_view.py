@@ -13,17 +13,19 @@ with f(n) = n / (1 + r^2 n): next to nothing where noise is small against r, and
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Literal, get_args
 
 import gtsam
 import numpy as np
 from jaxtyping import Bool, Float
 
+from factors import checks
 from factors.state import RIGID_DOF
+from factors.weighting import PLACES
 from objgraph.active.headings import OtherHeading, risk
 from objgraph.active.surface_sample import SurfaceSample
 from objgraph.active.target import Target
-from objgraph.errors import ActiveVisionError
+from objgraph.errors import ActiveVisionError, ConfigError
 from objgraph.estimate.heading_modes import HeadingModesConfig
 from objgraph.graph.builder import GraphConfig
 from objgraph.observation.frames import Intrinsics
@@ -60,6 +62,13 @@ class NextViewConfig:
     """As `HeadingModesConfig.temperature`: so much cost between two headings is believed as one nat."""
     min_share: float = 0.1
     """Of an object's surface that must be seen for the view to be one of it."""
+
+    def __post_init__(self) -> None:
+        """Raises ConfigError where a number is not one of its kind."""
+        checks.settings(
+            self, ConfigError, far=checks.POSITIVE, correlation_length=checks.Range(1e-3, 1e4),
+            temperature=checks.POSITIVE, min_share=checks.Range(0, 1),
+        )  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -107,10 +116,22 @@ def next_views(
     Raises:
         ActiveVisionError: there is no object, or no camera.
     """
+    objects = checks.tuple_of("objects", objects, Target, ActiveVisionError)
+    cameras = checks.tuple_of("cameras", cameras, gtsam.Pose3, ActiveVisionError)
     if not objects or not cameras:
         raise ActiveVisionError(f"{len(objects)} objects and {len(cameras)} cameras: both must be some")
-    config = config or NextViewConfig()
+    for camera in cameras:
+        checks.pose("a camera", camera, ActiveVisionError)
+    if not isinstance(criterion, str) or criterion not in get_args(Criterion):
+        raise ActiveVisionError(
+            f"criterion must be one of {', '.join(get_args(Criterion))}, not {criterion!r}"
+        )
+    config = checks.settings_or_default(config, NextViewConfig, ConfigError)
     meshes = [(target.vertices, target.faces) for target in objects]
+    others = [
+        _checked(i, mesh)
+        for i, mesh in enumerate(checks.tuple_of("others", others, tuple, ActiveVisionError))
+    ]
     scene = _scene([*meshes, *others])
     gains: list[dict[str, ObjectGain]] = [{} for _ in cameras]
     for i, target in enumerate(objects):
@@ -123,6 +144,19 @@ def next_views(
             progress(i + 1, len(objects))
     found = [ViewGain(camera, gain) for camera, gain in zip(cameras, gains, strict=True)]
     return sorted(found, key=lambda view: -view.total(criterion))
+
+
+def _checked(i: int, mesh: tuple[np.ndarray, ...]) -> tuple[np.ndarray, np.ndarray]:
+    """A mesh that only hides; raises ActiveVisionError where it is none."""
+    if len(mesh) != 2:
+        raise ActiveVisionError(f"others[{i}] must be vertices and faces, not {len(mesh)} things")
+    vertices = checks.reals(f"vertices of others[{i}]", mesh[0], (None, 3), PLACES, ActiveVisionError)
+    faces = checks.array(f"faces of others[{i}]", mesh[1], (None, 3), ActiveVisionError, kinds="iu")
+    if not len(faces) or faces.min() < 0 or faces.max() >= len(vertices):
+        raise ActiveVisionError(
+            f"faces of others[{i}] name vertices outside 0..{len(vertices) - 1}, or are none"
+        )
+    return vertices, faces
 
 
 def _scene(meshes: Sequence[tuple[np.ndarray, np.ndarray]]) -> "o3d.t.geometry.RaycastingScene":

@@ -7,6 +7,7 @@ import gtsam
 import numpy as np
 from jaxtyping import Float
 
+from factors import checks
 from factors.state import RIGID_DOF, ObjectState
 from objgraph.active.headings import OtherHeading, other_headings
 from objgraph.active.surface_sample import SurfaceSample, sample_surface
@@ -14,6 +15,7 @@ from objgraph.covariance.heading_modes import HeadingModes
 from objgraph.covariance.labelled import ObjectCovariance
 from objgraph.covariance.surface import metric_sdf_jacobian
 from objgraph.errors import ActiveVisionError
+from objgraph.priors.mesh import RESOLUTIONS
 from objgraph.priors.shape_prior import ShapePrior
 
 
@@ -69,6 +71,16 @@ def target(
         ActiveVisionError: the covariance is not of this state, or not positive definite.
         SolveError: the code has no surface.
     """
+    checks.text("the name of a target", name, ActiveVisionError)
+    checks.instance(f"{name}: prior", prior, ShapePrior, ActiveVisionError)
+    checks.instance(f"{name}: state", state, ObjectState, ActiveVisionError)
+    checks.instance(f"{name}: covariance", covariance, ObjectCovariance, ActiveVisionError)
+    checks.whole(f"{name}: points", points, checks.Range(1, 10**6), ActiveVisionError)
+    checks.whole(f"{name}: resolution", resolution, RESOLUTIONS, ActiveVisionError)
+    checks.whole(f"{name}: seed", seed, error=ActiveVisionError)
+    seen_from = checks.tuple_of(f"{name}: seen_from", seen_from, gtsam.Pose3, ActiveVisionError)
+    if turns is not None:
+        checks.instance(f"{name}: turns", turns, HeadingModes, ActiveVisionError)
     d = RIGID_DOF + len(state.code)
     if covariance.matrix.shape != (d, d):
         raise ActiveVisionError(
@@ -88,7 +100,7 @@ def target(
         jacobian=metric_sdf_jacobian(prior.decoder, state, surface.points)[1].numpy(),
         corner_jacobian=_corner_jacobian(state, corners),
         surface_misfit=prior.surface_misfit,
-        seen_from=tuple(seen_from),
+        seen_from=seen_from,
         probability=1.0 if turns is None else float(turns.probability[0]),
         others=others,
     )

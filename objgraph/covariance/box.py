@@ -7,11 +7,13 @@ import numpy as np
 import torch
 from jaxtyping import Float
 
+from factors import checks
 from factors.sdf_decoder import SdfDecoder
 from factors.state import RIGID_DOF, ObjectState
+from factors.weighting import PLACES
 from objgraph.covariance.heading_modes import HeadingModes
-from objgraph.covariance.labelled import LabelledCovariance, ObjectCovariance
-from objgraph.errors import SolveError
+from objgraph.covariance.labelled import LabelledCovariance, ObjectCovariance, of_one_object
+from objgraph.errors import CovarianceError, SolveError
 from objgraph.priors.mesh import extract_mesh
 from objgraph.priors.misfit import BoxMisfit
 from objgraph.priors.shape_prior import ShapePrior
@@ -61,14 +63,24 @@ def box_pose(
     moment of all about this one.
 
     Raises:
+        CovarianceError: the covariance is not of this state, or the vertices have no box.
         SolveError: the code has no surface, or no surface faces one of the sides.
     """
+    checks.instance("prior", prior, ShapePrior, CovarianceError)
+    of_one_object(state, covariance)
+    if view_cost is not None:
+        checks.number("view_cost", view_cost, checks.Range(), CovarianceError)
     if prior.box is not None:
         centre, extents = state.T_world_object.translation(), state.scale * prior.box
         jacobian = np.eye(9, len(covariance.matrix))
     else:
         if p_object is None:
             p_object = np.asarray(extract_mesh(prior.decoder, state.code).vertices)
+        p_object = checks.reals("p_object", p_object, (None, 3), PLACES, CovarianceError)
+        if not len(p_object) or not (np.ptp(p_object, axis=0) > 0).all():
+            raise CovarianceError(
+                f"{len(p_object)} points have no box; give the vertices of the object's mesh"
+            )
         jacobian = box_jacobian(prior.decoder, state, p_object)
         low, high = state.scale * p_object.min(axis=0), state.scale * p_object.max(axis=0)
         centre, extents = state.T_world_object.transformFrom((low + high) / 2), high - low

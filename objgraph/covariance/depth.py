@@ -7,12 +7,15 @@ import numpy as np
 import torch
 from jaxtyping import Float
 
+from factors import checks
 from factors.occupancy import PROBIT_SCALE, probit_occupancy
 from factors.rays import box_interval, coarse_depths
 from factors.sdf_decoder import SdfDecoder
 from factors.state import ObjectState
-from objgraph.covariance.labelled import ObjectCovariance
+from factors.weighting import LENGTHS, PLACES
+from objgraph.covariance.labelled import ObjectCovariance, of_one_object
 from objgraph.covariance.surface import metric_sdf
+from objgraph.errors import CovarianceError
 from objgraph.geometry.frames import transformed
 
 _SLOPE = 400.0
@@ -80,7 +83,19 @@ def predicted_depth(
 
     `residual_sigma` is the decoder's own error, canonical (`ShapePrior.residual_sigma`); the sensor's noise and other
     objects are not in it.
+
+    Raises:
+        CovarianceError: the covariance is not of this state, or the camera or a direction is none.
     """
+    of_one_object(state, covariance)
+    checks.pose("T_world_camera", T_world_camera, CovarianceError)
+    directions_camera = checks.reals(
+        "directions_camera", directions_camera, (None, 3), PLACES, CovarianceError
+    )
+    if not np.allclose(directions_camera[:, 2], 1.0):
+        raise CovarianceError("directions_camera must have z = 1, so that lengths along them are z-depths")
+    checks.number("residual_sigma", residual_sigma, LENGTHS, CovarianceError)
+    checks.whole("samples", samples, checks.Range(2, 10_000), CovarianceError)
     near, far = box_interval(state, T_world_camera, directions_camera)
     meets = np.flatnonzero(far - near > 1e-3)
     depth, reached = np.zeros((len(near), samples)), np.zeros((len(near), samples))

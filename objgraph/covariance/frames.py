@@ -3,8 +3,10 @@
 import gtsam
 import numpy as np
 
+from factors import checks
 from factors.state import RIGID_DOF, ObjectState
-from objgraph.covariance.labelled import LabelledCovariance, ObjectCovariance, object_axes
+from objgraph.covariance.labelled import LabelledCovariance, ObjectCovariance, object_axes, of_one_object
+from objgraph.errors import CovarianceError
 
 WORLD_AXES = (
     *(f"rotation_{axis} [rad, world frame, about the object's origin]" for axis in "xyz"),
@@ -19,6 +21,8 @@ XI_AXES = (
 
 def in_world(covariance: ObjectCovariance, R_world_object: gtsam.Rot3) -> LabelledCovariance:
     """Rotation and translation along the world's axes; log-scale and code stay as they are."""
+    checks.instance("covariance", covariance, ObjectCovariance, CovarianceError)
+    checks.instance("R_world_object", R_world_object, gtsam.Rot3, CovarianceError)
     turn = np.eye(len(covariance.matrix))
     turn[:3, :3] = turn[3:6, 3:6] = R_world_object.matrix()
     return covariance.mapped(turn, (*WORLD_AXES, *covariance.axes[6:]))
@@ -29,6 +33,7 @@ def of_xi(covariance: ObjectCovariance, state: ObjectState) -> LabelledCovarianc
 
     The rotation vector has no derivative at half a turn, where its covariance is not to be used.
     """
+    of_one_object(state, covariance)
     rotation = state.T_world_object.rotation()
     jacobian = np.eye(len(covariance.matrix))
     jacobian[:RIGID_DOF, :RIGID_DOF] = 0.0

@@ -2,8 +2,9 @@
 
 import numpy as np
 
+from factors import checks
 from factors.state import ObjectState
-from objgraph.covariance.labelled import ObjectCovariance
+from objgraph.covariance.labelled import ObjectCovariance, of_one_object
 from objgraph.errors import CovarianceError
 
 
@@ -18,13 +19,25 @@ def fused(
     consistent where both are. `share` is the first one's. Errors are taken in the tangent at the first state.
 
     Raises:
-        CovarianceError: `share` is not between 0 and 1, or the codes are of different decoders.
+        CovarianceError: `share` is not between 0 and 1, the codes are of different decoders, or a covariance is not
+            positive definite.
     """
-    if not 0 < share < 1:
+    if not 0 < checks.number("the first estimate's share", share, error=CovarianceError) < 1:
         raise CovarianceError(f"the first estimate's share must be between 0 and 1, not {share}")
+    for each in (first, second):
+        if not isinstance(each, tuple) or len(each) != 2:
+            raise CovarianceError(
+                f"an estimate must be a state and its covariance, not a {type(each).__name__}"
+            )
+        checks.instance("the state of an estimate", each[0], ObjectState, CovarianceError)
+        checks.instance("the covariance of an estimate", each[1], ObjectCovariance, CovarianceError)
     (state, a), (other, b) = first, second
     if len(a.matrix) != len(b.matrix) or len(state.code) != len(other.code):
         raise CovarianceError("estimates of different decoders cannot be fused")
+    for each in (first, second):
+        of_one_object(*each)
+    for name, each in (("first", a), ("second", b)):
+        checks.covariance(f"the {name} estimate's covariance", each.matrix, None, CovarianceError)
     information_a, information_b = (_inverse(each.matrix) for each in (a, b))
     matrix = _inverse(share * information_a + (1 - share) * information_b)
     difference = np.concatenate(

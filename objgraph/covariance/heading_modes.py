@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
+from factors import checks
 from factors.state import ObjectState
 from objgraph.errors import CovarianceError
 
@@ -26,7 +27,9 @@ class HeadingModes:
     """The object at each of them, of the shape that was likeliest there; empty where they were not kept."""
 
     def __post_init__(self) -> None:
-        p = np.asarray(self.probability, float)
+        p = checks.reals(
+            "the probabilities of quarter turns", self.probability, (None,), error=CovarianceError
+        )
         if p.shape != (QUARTERS,) or not (p >= 0).all() or abs(p.sum() - 1) > 1e-6:
             raise CovarianceError(f"the probabilities of four quarter turns were expected, got {p}")
         object.__setattr__(self, "probability", p)

@@ -9,7 +9,8 @@ from jaxtyping import Float
 from rich.markup import escape
 from rich.table import Table
 
-from factors.state import RIGID_DOF
+from factors import checks
+from factors.state import RIGID_DOF, ObjectState
 from objgraph.covariance.quantile import squared_limit
 from objgraph.errors import CovarianceError
 
@@ -22,13 +23,17 @@ RIGID_AXES = (*POSE_AXES, *(f"log_scale_{axis} [1, object axis]" for axis in "xy
 """The pose's tangent, then the log-scale."""
 
 
+_ROUNDING = 1e-4
+"""Negative eigenvalue of the correlations that files in single precision and badly scaled products may have."""
+
+
 @dataclass(frozen=True, eq=False)
 class LabelledCovariance:
     """A covariance matrix with the meaning of every axis.
 
     Raises:
-        CovarianceError: the matrix is not square, finite, symmetric and free of negative variances, or has another
-            number of axes.
+        CovarianceError: the matrix is not square, finite, symmetric and free of negative variances along any direction, or
+            has another number of axes.
     """
 
     matrix: Float[np.ndarray, "d d"]
@@ -40,15 +45,18 @@ class LabelledCovariance:
     """Of which object."""
 
     def __post_init__(self) -> None:
-        matrix, axes = np.array(self.matrix, dtype=float), tuple(self.axes)
+        for name in ("source", "subject"):
+            checks.instance(f"{name} of a covariance", getattr(self, name), str, CovarianceError)
+        axes = checks.tuple_of("axes of a covariance", self.axes, str, CovarianceError)
         where = f"{self.subject}: the covariance" if self.subject else "the covariance"
-        if matrix.ndim != 2 or matrix.shape != (len(axes), len(axes)):
+        matrix = _matrix(where, self.matrix).copy()
+        if matrix.shape != (len(axes), len(axes)):
             raise CovarianceError(f"{where} has shape {matrix.shape} and {len(axes)} axes")
-        if not np.isfinite(matrix).all():
-            raise CovarianceError(f"{where} has entries that are not finite")
         largest = np.abs(matrix).max(initial=0.0)
         if np.abs(matrix - matrix.T).max(initial=0.0) > 1e-6 * largest or (np.diag(matrix) < 0).any():
             raise CovarianceError(f"{where} is not symmetric, or has a negative variance")
+        if _least_of_correlation(matrix) < -_ROUNDING:
+            raise CovarianceError(f"{where} is indefinite: some direction would have a negative variance")
         matrix.setflags(write=False)
         object.__setattr__(self, "matrix", matrix)
         object.__setattr__(self, "axes", axes)
@@ -61,12 +69,11 @@ class LabelledCovariance:
     @property
     def correlation(self) -> Float[np.ndarray, "d d"]:
         """Correlations; zero beside an axis that has no variance."""
-        sigma = self.sigma
-        inverse = np.divide(1.0, sigma, out=np.zeros_like(sigma), where=sigma > 0)
-        return self.matrix * np.outer(inverse, inverse)
+        return _correlation(self.matrix)
 
     def block(self, prefix: str) -> "LabelledCovariance":
         """The axes whose labels begin with `prefix`; raises CovarianceError where none does."""
+        checks.instance("the prefix of an axis", prefix, str, CovarianceError)
         rows = [i for i, axis in enumerate(self.axes) if axis.startswith(prefix)]
         if not rows:
             raise CovarianceError(f"no axis of the covariance begins with {prefix!r}")
@@ -74,17 +81,20 @@ class LabelledCovariance:
         return LabelledCovariance(self.matrix[np.ix_(rows, rows)], axes, self.source, self.subject)
 
     def mapped(self, jacobian: Float[np.ndarray, "m d"], axes: Sequence[str]) -> "LabelledCovariance":
-        """The covariance of quantities with this derivative w.r.t. the axes: J Σ J^T."""
+        """The covariance of quantities with this derivative w.r.t. the axes: J Σ J^T; raises CovarianceError where it is
+        none of them."""
+        jacobian = checks.reals("the derivative", jacobian, (None, len(self.axes)), error=CovarianceError)
         matrix = jacobian @ self.matrix @ jacobian.T
         return LabelledCovariance(0.5 * (matrix + matrix.T), tuple(axes), self.source, self.subject)
 
     def times(self, factor: float) -> Self:
-        """All variances and covariances multiplied."""
+        """All variances and covariances multiplied; raises CovarianceError where the factor is negative."""
+        checks.number("the factor on a covariance", factor, error=CovarianceError)
         return replace(self, matrix=factor * self.matrix)
 
     def ellipsoid(self, probability: float = 0.95) -> tuple[Float[np.ndarray, "d d"], Float[np.ndarray, "d"]]:
         """Unit directions (columns), the longest first, and half axes of the ellipsoid that holds this share."""
-        if not 0 < probability < 1:
+        if not 0 < checks.number("the share of an ellipsoid", probability, error=CovarianceError) < 1:
             raise CovarianceError(f"an ellipsoid holds a share between 0 and 1, not {probability}")
         values, vectors = np.linalg.eigh(self.matrix)
         radius = np.sqrt(squared_limit(probability, len(values)) * np.maximum(values, 0.0))
@@ -137,6 +147,7 @@ class ObjectCovariance(LabelledCovariance):
     @classmethod
     def of(cls, matrix: Float[np.ndarray, "9+l 9+l"], source: str, subject: str = "") -> "ObjectCovariance":
         """A covariance over [rotation, translation, log-scale, code]."""
+        matrix = _matrix("the covariance of an object", matrix)
         return cls(matrix, object_axes(len(matrix) - RIGID_DOF), source, subject)
 
     @classmethod
@@ -144,6 +155,7 @@ class ObjectCovariance(LabelledCovariance):
         cls, variance: Float[np.ndarray, "9+l"], source: str, subject: str = ""
     ) -> "ObjectCovariance":
         """Independent axes of these variances."""
+        variance = checks.reals("the variances of an object", variance, (None,), error=CovarianceError)
         return cls.of(np.diag(variance), source, subject)
 
     def __post_init__(self) -> None:
@@ -164,6 +176,33 @@ class ObjectCovariance(LabelledCovariance):
 def object_axes(length: int) -> tuple[str, ...]:
     """Labels of an object's tangent with a code of this length."""
     return (*RIGID_AXES, *(f"code_{i} [1]" for i in range(length)))
+
+
+def of_one_object(state: ObjectState, covariance: ObjectCovariance) -> None:
+    """Raise CovarianceError where a covariance is not over the tangent of a finite state."""
+    checks.instance("state", state, ObjectState, CovarianceError)
+    checks.instance("covariance", covariance, ObjectCovariance, CovarianceError)
+    if not np.isfinite(state.local_coordinates(state)).all() or not np.isfinite(state.scale).all():
+        raise CovarianceError("the state is not finite: there is no object to have a covariance")
+    if len(covariance.axes) != RIGID_DOF + len(state.code):
+        raise CovarianceError(
+            f"a covariance over {len(covariance.axes)} axes is not that of a state with a code of {len(state.code)}"
+        )
+
+
+def _correlation(matrix: Float[np.ndarray, "d d"]) -> Float[np.ndarray, "d d"]:
+    sigma = np.sqrt(np.diag(matrix))
+    inverse = np.divide(1.0, sigma, out=np.zeros_like(sigma), where=sigma > 0)
+    return matrix * inverse * inverse[:, None]
+
+
+def _least_of_correlation(matrix: Float[np.ndarray, "d d"]) -> float:
+    """Smallest eigenvalue of the correlations, so that units and sizes of the axes do not matter."""
+    return float(np.linalg.eigvalsh(_correlation(matrix)).min()) if len(matrix) else 0.0
+
+
+def _matrix(what: str, value: Any) -> Float[np.ndarray, "n m"]:
+    return checks.reals(what, value, (None, None), error=CovarianceError)
 
 
 def _listed(value: Any) -> list[Any]:

@@ -72,6 +72,8 @@ class Posterior:
         Raises:
             SolveError: a key is not in the values, has no factor, or is not determined; the message names it.
         """
+        if twice := [key for key in keys if list(keys).count(key) > 1]:
+            raise SolveError(f"{readable_key(twice[0])} is asked for twice; name each variable once")
         lonely = [key for key in keys if key not in self._known]
         for key in lonely:
             if not self._values.exists(key):

@@ -142,4 +142,6 @@ def _box(entry: dict[str, Any], category: str) -> ObjectBox:
     size = numbers(entry["size"], 3)
     if not (size > 0).all():
         raise ValueError(f"a box with edges {size}")
-    return ObjectBox(Instance(whole(entry["id"]) + 1, category), pose, size, str(entry.get("quality", "full")))
+    return ObjectBox(
+        Instance(whole(entry["id"]) + 1, category), pose, size, str(entry.get("quality", "full"))
+    )

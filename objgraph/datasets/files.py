@@ -250,5 +250,7 @@ def _decode(data: bytes, origin: object, flags: int) -> np.ndarray:
             raise
         image = None
     if image is None:
-        raise DatasetError(f"{origin}: no readable image (PNG or JPEG; truncated or damaged); download or export it again")
+        raise DatasetError(
+            f"{origin}: no readable image (PNG or JPEG; truncated or damaged); download or export it again"
+        )
     return image

@@ -170,7 +170,17 @@ def _from_folder(path: Path) -> tuple[bytes, str]:
 def _from_zip(archive: zipfile.ZipFile, path: Path, member: str) -> tuple[bytes, str]:
     try:
         if (size := archive.getinfo(member).file_size) > _LARGEST_IMAGE:
-            raise DatasetError(f"{path}: {member} would unpack to {size} bytes: no mask of a frame is as large")
+            raise DatasetError(
+                f"{path}: {member} would unpack to {size} bytes: no mask of a frame is as large"
+            )
         return archive.read(member), f"{path}: {member}"
-    except (KeyError, OSError, EOFError, RuntimeError, zipfile.BadZipFile, zlib.error, lzma.LZMAError) as error:
+    except (
+        KeyError,
+        OSError,
+        EOFError,
+        RuntimeError,
+        zipfile.BadZipFile,
+        zlib.error,
+        lzma.LZMAError,
+    ) as error:
         raise DatasetError(f"{path}: {member} cannot be read ({error})") from error

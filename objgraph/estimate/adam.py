@@ -13,13 +13,14 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from factors import checks
 from factors.gaussian_depth import Probabilistic
 from factors.rendering import RaySamples, Renderer
 from factors.score import energy_score, energy_score_monte_carlo
 from factors.sdf_decoder import SdfDecoder
 from factors.state import POSE_DOF, RIGID_DOF, ObjectState
 from objgraph.covariance.labelled import ObjectCovariance
-from objgraph.errors import ObjectGraphError, SolveError
+from objgraph.errors import ConfigError, ObjectGraphError, SolveError
 from objgraph.estimate.pool import Pool
 from objgraph.estimate.standing import Standing
 from objgraph.estimate.task import Estimate, EstimationTask, unusable
@@ -75,6 +76,14 @@ class AdamConfig:
     standing: bool = False
     """Whether the graph's upright prior and, where the floor is known, its floor factor are added, at the weight of
     their negative log-likelihoods. Linearised in every iteration; the floor's rays are chosen with the others."""
+
+    def __post_init__(self) -> None:
+        """Raises ConfigError where a number is not one of its kind."""
+        some, variance = checks.Range(1, 10**6), checks.Range(1e-18, 1e6)
+        checks.settings(
+            self, ConfigError, iterations=some, points=some, rays=some, redraw=some, pose_variance=variance,
+            code_variance=variance, monte_carlo=checks.Range(2, 10**6), clip=checks.POSITIVE,
+        )  # fmt: skip
 
 
 @dataclass(frozen=True)

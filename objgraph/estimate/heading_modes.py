@@ -7,9 +7,11 @@ import gtsam
 import numpy as np
 from jaxtyping import Float
 
+from factors import checks
 from factors.depth import RaySampling
 from factors.state import ObjectState
 from objgraph.covariance.heading_modes import QUARTERS, HeadingModes
+from objgraph.errors import ConfigError
 from objgraph.estimate.task import EstimationTask
 from objgraph.graph.builder import GraphConfig, ObjectBuilder
 from objgraph.graph.initialise import free_points, misfit
@@ -39,6 +41,12 @@ class HeadingModesConfig:
     """Cost that counts as one nat. Costs are weighted energy scores, no log-likelihoods, and what the prior cannot make tells
     headings apart by chance, as noise does not: the likeliest on development objects (docs/decisions/2026-11-covariances.md). A turn that
     costs less by less than this is not taken."""
+
+    def __post_init__(self) -> None:
+        """Raises ConfigError where a number is not one of its kind."""
+        checks.settings(
+            self, ConfigError, points=checks.Range(1), rays=checks.Range(1), temperature=checks.POSITIVE
+        )
 
 
 @dataclass(frozen=True)

@@ -9,12 +9,15 @@ import torch
 from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
+from factors import checks
+from factors.base import SLOPES
 from factors.batch import CHUNK
 from factors.rays import RayCells, passing_depth
 from factors.rendering import CLEAR, RayTargets
 from factors.sdf import SdfQuery, metres_per_unit, query_points, sdf_jacobian
 from factors.sdf_decoder import SdfDecoder, SdfJet
 from factors.state import ObjectState
+from objgraph.errors import ConfigError
 from objgraph.estimate.pool import Pool, WorldRays
 
 
@@ -39,6 +42,13 @@ class RaySteps:
     first_view_depths: bool = False
     """Whether rays of all views step from where the first of the first view's enters the box to where the last of them
     leaves it, whatever the depth of the object in the other views; only for rays drawn of it, where any is."""
+
+    def __post_init__(self) -> None:
+        """Raises ConfigError where a number is not one of its kind."""
+        checks.settings(
+            self, ConfigError, samples=checks.Range(2, 1000), band=checks.POSITIVE, slope=SLOPES,
+            band_samples=checks.Range(2, 1000),
+        )  # fmt: skip
 
 
 @dataclass(frozen=True)

@@ -64,5 +64,7 @@ def _check_counts(data: bytes) -> None:
     *_, length, _ = _HEADER.unpack_from(data)
     document: Any = parse_json(data[_HEADER.size : _HEADER.size + length])
     accessors = document.get("accessors", [])
-    if sum(each["count"] for each in accessors) > 3 * MOST_FACES or any(each["count"] < 0 for each in accessors):
+    if sum(each["count"] for each in accessors) > 3 * MOST_FACES or any(
+        each["count"] < 0 for each in accessors
+    ):
         raise ValueError(f"asks for more than {3 * MOST_FACES} entries")

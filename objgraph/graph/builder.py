@@ -8,17 +8,19 @@ import gtsam
 import numpy as np
 from jaxtyping import Float
 
+from factors import checks
 from factors.base import ObservationFactor
 from factors.depth import DepthFactor, RaySampling
 from factors.filled_box import FilledBoxFactor
-from factors.floor import SPACING, FloorFactor, floor_share
+from factors.floor import SPACING, SPACINGS, FloorFactor, floor_share
 from factors.full_distribution import FullDistribution
 from factors.gaussian_depth import Deterministic, Probabilistic, Sampled
 from factors.priors import placed_prior, scale_prior, sized_prior, upright_prior
 from factors.rendering import Renderer
 from factors.state import ObjectKeys, ObjectState
 from factors.surface import SurfaceFactor
-from factors.weighting import Weighting
+from factors.weighting import DEVIATIONS, PLACES, Weighting
+from objgraph.errors import ConfigError, ObservationError
 from objgraph.graph.single_object import ALONE, SingleObject
 from objgraph.observation.sampling import ObjectView
 from objgraph.priors.shape_prior import ShapePrior
@@ -58,6 +60,13 @@ class GraphConfig:
     tight_box: bool = False
     """Whether rays are cut within the box that the prior's shapes fill, and not within a cube that holds any shape."""
 
+    def __post_init__(self) -> None:
+        """Raises ConfigError where a number is not one of its kind, or there is no such renderer."""
+        checks.settings(
+            self, ConfigError, surface_tail=DEVIATIONS, anisotropy_sigma=DEVIATIONS, upright_sigma=DEVIATIONS,
+            floor_sigma=DEVIATIONS, floor_spacing=SPACINGS, sides=DEVIATIONS,
+        )  # fmt: skip
+
 
 @dataclass(frozen=True)
 class DetectedBox:
@@ -73,6 +82,14 @@ class DetectedBox:
     """Radians."""
     size_sigma: float
     """Of the logarithm of each edge."""
+
+    def __post_init__(self) -> None:
+        """Raises ObservationError where it is no box, or a standard deviation is not positive."""
+        checks.pose("a detected box's T_world_object", self.T_world_object, ObservationError)
+        size = checks.reals("a detected box's size", self.size, (3,), DEVIATIONS, ObservationError)
+        object.__setattr__(self, "size", size)
+        for name in ("position_sigma", "heading_sigma", "size_sigma"):
+            checks.number(f"a detected box's {name}", getattr(self, name), DEVIATIONS, ObservationError)
 
     def log_scale(self, prior: ShapePrior) -> Float[np.ndarray, "3"]:
         """At which the shapes of a prior fill the box."""
@@ -93,6 +110,15 @@ class ObjectBuilder:
     floor: float | None = None
     """The floor's height along `up_world`, metres, where it is known."""
 
+    def __post_init__(self) -> None:
+        """Raises ConfigError or ObservationError where one of them is none."""
+        checks.instance("config", self.config, GraphConfig, ConfigError)
+        if self.up_world is not None:
+            up = checks.direction("up_world", self.up_world, ObservationError)
+            object.__setattr__(self, "up_world", up)
+        if self.floor is not None:
+            checks.number("floor", self.floor, PLACES, ObservationError)
+
     def priors(
         self, prior: ShapePrior, keys: ObjectKeys, box: DetectedBox | None = None
     ) -> list[gtsam.NonlinearFactor]:
@@ -105,6 +131,7 @@ class ObjectBuilder:
         if self.up_world is not None:
             factors.append(self.upright(keys))
         if box is not None:
+            checks.instance("box", box, DetectedBox, ObservationError)
             factors += [
                 placed_prior(
                     keys, box.T_world_object, box.heading_sigma, _DETECTORS_LEAN, box.position_sigma

@@ -13,9 +13,11 @@ import numpy as np
 import torch
 from jaxtyping import Float
 
+from factors import checks
+from factors.base import SLOPES
 from factors.depth import RaySampling
 from factors.state import ObjectState
-from objgraph.errors import InitialisationError, ObservationError
+from objgraph.errors import ConfigError, InitialisationError, ObservationError
 from objgraph.geometry.frames import transformed
 from objgraph.graph.builder import ObjectBuilder
 from objgraph.graph.proposals import proposals
@@ -66,6 +68,14 @@ class InitialisationConfig:
     floor_reach: float = 0.8
     """An object whose lowest seen point is less than this above the floor stands on it, metres."""
 
+    def __post_init__(self) -> None:
+        """Raises ConfigError where a number is not one of its kind."""
+        few = checks.Range(1, 1000)
+        checks.settings(
+            self, ConfigError, least_chance=checks.Range(0, 1), headings=few, guesses=few, points=checks.Range(1),
+            rays=checks.Range(1), slope=SLOPES, shortlist=few, keep=few,
+        )  # fmt: skip
+
 
 def first_states(
     prior: ShapePrior,
@@ -79,7 +89,9 @@ def first_states(
         ObservationError: it is not known which way is up.
         InitialisationError: there are too few points, or no guess can be solved.
     """
-    config = config or InitialisationConfig()
+    config = checks.settings_or_default(config, InitialisationConfig, ConfigError)
+    checks.instance("prior", prior, ShapePrior, InitialisationError)
+    checks.instance("builder", builder, ObjectBuilder, InitialisationError)
     if builder.up_world is None:
         raise ObservationError("to place an object by its views, say which way is up (up_world=...)")
     if prior.guess is not None:
@@ -104,6 +116,7 @@ def guesses(
         InitialisationError: there are too few points to put a box about.
     """
     points = np.concatenate([view.points_world for view in views]) if views else np.zeros((0, 3))
+    points = points[np.isfinite(points).all(axis=1)]
     if len(points) < 10:
         raise InitialisationError(f"{len(points)} points are too few to place an object; add views of it")
     start = smallest_heading(points, up_world)

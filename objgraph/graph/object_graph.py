@@ -9,6 +9,7 @@ from jaxtyping import Float
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
+from factors import checks
 from factors.base import Annealing, ObservationFactor
 from factors.errors import FactorError
 from factors.keys import readable_key
@@ -16,7 +17,7 @@ from factors.state import ObjectKeys, ObjectState
 from objgraph.covariance.labelled import ObjectCovariance
 from objgraph.covariance.posterior import Posterior
 from objgraph.diagnostics.undetermined import require_values
-from objgraph.errors import ObjectGraphError, ObservationError, SolveError
+from objgraph.errors import ConfigError, ObjectGraphError, ObservationError, PriorError, SolveError
 from objgraph.graph.builder import DetectedBox, GraphConfig, ObjectBuilder
 from objgraph.graph.initialise import InitialisationConfig, first_states
 from objgraph.graph.solve import Problem, SolverConfig, solve
@@ -61,11 +62,11 @@ class ObjectGraph:
         initialisation: InitialisationConfig | None = None,
     ) -> None:
         """`up_world` is the unit vector against gravity, `floor` the floor's height along it, where they are known."""
-        self.graph = graph
-        self.values = values
-        up_world = None if up_world is None else np.asarray(up_world, float)
-        self.builder = ObjectBuilder(config or GraphConfig(), up_world, floor)
-        self.initialisation = initialisation or InitialisationConfig()
+        self.graph = checks.instance("graph", graph, gtsam.NonlinearFactorGraph)
+        self.values = checks.instance("values", values, gtsam.Values)
+        config = checks.settings_or_default(config, GraphConfig, ConfigError)
+        self.builder = ObjectBuilder(config, up_world, floor)
+        self.initialisation = checks.settings_or_default(initialisation, InitialisationConfig, ConfigError)
         self.objects: list[ObjectHandle] = []
 
     def add_object(
@@ -86,25 +87,32 @@ class ObjectGraph:
         measurement of place and size.
 
         Raises:
-            FactorError: one of the keys is already in the values.
+            FactorError: one of the keys is already in the values, or the code is not of the prior's length.
+            PriorError: the prior is none.
             ObservationError: views are given, but not which way is up.
             InitialisationError: the views do not suffice to place the object.
         """
         prior = prior_for(prior) if isinstance(prior, str) else prior
-        builder = (
-            self.builder if up_world is None else replace(self.builder, up_world=np.asarray(up_world, float))
-        )
-        name = name or f"{prior.category} {len(self.objects)}"
-        views = [] if isinstance(start, ObjectState) else _several(start)
+        prior = checks.instance("prior (a ShapePrior or a category)", prior, ShapePrior, PriorError)
+        builder = self.builder if up_world is None else replace(self.builder, up_world=up_world)
+        name = f"{prior.category} {len(self.objects)}" if name is None else checks.text("name", name)
+        views = [] if isinstance(start, ObjectState) else _several(name, start)
         state = start if isinstance(start, ObjectState) else self._placed(name, prior, views, builder)
-        handle = ObjectHandle(name, keys or ObjectKeys.numbered(self._free_index()), prior)
+        if len(state.code) != prior.decoder.code_length:
+            raise FactorError(
+                f"{name}: a code of length {len(state.code)}, its decoder takes {prior.decoder.code_length}"
+            )
+        keys = ObjectKeys.numbered(self._free_index()) if keys is None else keys
+        handle = ObjectHandle(name, checks.instance(f"{name}: keys", keys, ObjectKeys), prior)
+        state.check_finite(handle.keys)
+        # all that may fail comes before the first change
+        known, factors = builder.priors(prior, handle.keys, box), builder.box(prior, handle.keys)
+        standing = builder.standing(prior, handle.keys) if views else []
         state.insert(self.values, handle.keys)
-        for factor in builder.priors(prior, handle.keys, box):
+        for factor in known:
             self._push(handle, factor)
-        self.add_factors(handle, builder.box(prior, handle.keys))
         self.objects.append(handle)
-        if views and builder.floor is not None:
-            self.stand_on_floor(handle)
+        self.add_factors(handle, [*factors, *standing])
         return handle
 
     def observe(
@@ -121,8 +129,11 @@ class ObjectGraph:
         `body_T_camera` it is the pose, or its key, of the body that the camera is fixed on.
 
         Raises:
-            ObservationError: `body_T_camera` is given, but not the body's pose.
+            FactorError: the object is not in this graph, or a pose is none.
+            ObservationError: the view is none, or `body_T_camera` is given, but not the body's pose.
         """
+        self._check_known(handle)
+        checks.instance(f"{handle.name}: view", view, ObjectView, ObservationError)
         if camera is None and body_T_camera is not None:
             raise ObservationError(
                 f"{handle.name}: with body_T_camera, `camera` must be the body's pose or its key"
@@ -132,7 +143,8 @@ class ObjectGraph:
         handle.views.append(view.frame)
 
     def add_factors(self, handle: ObjectHandle, factors: Sequence[ObservationFactor]) -> None:
-        """Add observation factors on the object's keys that were made elsewhere."""
+        """Add observation factors on the object's keys that were made elsewhere; raises FactorError of another's object."""
+        self._check_known(handle)
         for factor in factors:
             self._push(handle, factor.gtsam_factor())
             handle.factors.append(factor)
@@ -143,6 +155,7 @@ class ObjectGraph:
         Raises:
             ObservationError: the graph was not told where the floor is, or which way is up.
         """
+        self._check_known(handle)
         standing = self.builder.standing(handle.prior, handle.keys)
         if not standing:
             raise ObservationError(
@@ -168,10 +181,11 @@ class ObjectGraph:
         self.graph.resize(size)
         for key in handle.keys:
             self.values.erase(key)
-        self.objects.remove(handle)
+        self.objects[:] = [each for each in self.objects if each is not handle]
 
     def refresh(self, annealing: Annealing = Annealing()) -> None:  # noqa: B008
         """Freeze noise and ray samples at the current values; the caller's optimiser may then run."""
+        checks.instance("annealing", annealing, Annealing)
         for handle in self.objects:
             for factor in handle.factors:
                 factor.refresh(self.values, annealing)
@@ -185,8 +199,9 @@ class ObjectGraph:
             SolveError: a part failed, or leaves something undetermined; the message names its objects, and the
                 directions and the priors that are missing. Parts that succeeded are updated all the same.
         """
+        config = SolverConfig(rounds=JOINT_ROUNDS) if config is None else config
         problems = self.problems()
-        solve(problems, config or SolverConfig(rounds=JOINT_ROUNDS), refuse_undetermined=True)
+        solve(problems, config, refuse_undetermined=True)
         for problem in problems:
             self.values.update(problem.values)
         failed = [f"{problem.name}: {problem.failure}" for problem in problems if problem.failure]
@@ -216,6 +231,8 @@ class ObjectGraph:
         return problems
 
     def state(self, handle: ObjectHandle) -> ObjectState:
+        """The object's current estimate; raises FactorError where it is not in this graph."""
+        self._check_known(handle)
         return ObjectState.from_values(self.values, handle.keys)
 
     def posterior(self) -> Posterior:
@@ -227,7 +244,8 @@ class ObjectGraph:
         return Posterior(self.graph, self.values, [each.keys for each in self.objects])
 
     def marginals(self, handle: ObjectHandle) -> ObjectCovariance:
-        """The object's joint covariance of pose, log-scale and code; raises SolveError where undetermined.
+        """The object's joint covariance of pose, log-scale and code; raises SolveError where undetermined, and FactorError
+        of an object that is not in this graph.
 
         Linearises what the object is connected with; `posterior` does so once for all.
         """
@@ -239,7 +257,8 @@ class ObjectGraph:
         `others` are keys of any variables of the graph, such as cameras: the cross blocks are those of the GTSAM
         tangents, [rotation, translation] in the body frame of a `Pose3`. Raises SolveError where undetermined.
         """
-        keys = [*handle.keys, *others]
+        self._check_known(handle)
+        keys = [*handle.keys, *checks.keys(f"{handle.name}: others", others)]
         parts = [p for p in self.problems() if any(p.values.exists(key) for key in keys)]
         # parts that share no factor do not correlate, and GTSAM says so of the whole
         graph, values = (parts[0].graph, parts[0].values) if len(parts) == 1 else (self.graph, self.values)
@@ -263,9 +282,13 @@ class ObjectGraph:
         handle.slots[self.graph.size()] = factor
         self.graph.push_back(factor)
 
-    def _check_removable(self, handle: ObjectHandle) -> None:
-        if handle not in self.objects:
+    def _check_known(self, handle: ObjectHandle) -> None:
+        checks.instance("handle", handle, ObjectHandle)
+        if not any(each is handle for each in self.objects):
             raise FactorError(f"{handle.name} is not in this graph")
+
+    def _check_removable(self, handle: ObjectHandle) -> None:
+        self._check_known(handle)
         own = set(handle.keys)
         for i in range(self.graph.size()):
             found = list(self.graph.at(i).keys()) if self.graph.exists(i) else None
@@ -285,8 +308,11 @@ class ObjectGraph:
         return index
 
 
-def _several(views: ObjectView | Sequence[ObjectView]) -> list[ObjectView]:
-    return [views] if isinstance(views, ObjectView) else list(views)
+def _several(name: str, views: ObjectView | Sequence[ObjectView]) -> list[ObjectView]:
+    if isinstance(views, ObjectView):
+        return [views]
+    what = f"{name}: start (an ObjectState, or views)"
+    return list(checks.tuple_of(what, views, ObjectView, ObservationError))
 
 
 def _parts(groups: Sequence[Sequence[int]]) -> dict[int, int]:

@@ -11,13 +11,14 @@ from dataclasses import dataclass, field
 import gtsam
 import numpy as np
 
-from factors.base import Annealing, ObservationFactor
+from factors import checks
+from factors.base import SLOPES, Annealing, ObservationFactor
 from factors.batch import decode
 from factors.errors import NotFiniteError
 from factors.sdf import SdfQuery
 from objgraph.diagnostics.linear import hessian_diagonal
 from objgraph.diagnostics.undetermined import check_linear
-from objgraph.errors import ObjectGraphError, SolveError
+from objgraph.errors import ConfigError, ObjectGraphError, SolveError
 
 
 @dataclass(frozen=True)
@@ -33,6 +34,12 @@ class LevenbergMarquardtConfig:
     absolute_tolerance: float = 0.2
     """... and by less than this: the cost of many objects is large wherever they are."""
 
+    def __post_init__(self) -> None:
+        """Raises ConfigError where a number is not one of its kind."""
+        checks.settings(
+            self, ConfigError, iterations=checks.Range(0, 10_000), initial_damping=checks.POSITIVE
+        )
+
 
 @dataclass(frozen=True)
 class SolverConfig:
@@ -47,6 +54,12 @@ class SolverConfig:
     absolute_tolerance: float = 1.0
     """... and by less than this, in units of the cost: half a squared standard deviation."""
     inner: LevenbergMarquardtConfig = field(default_factory=LevenbergMarquardtConfig)
+
+    def __post_init__(self) -> None:
+        """Raises ConfigError where a number is not one of its kind, or there is no slope."""
+        checks.settings(self, ConfigError, slopes=SLOPES, rounds=checks.Range(0, 1000))
+        if not self.slopes:
+            raise ConfigError("SolverConfig.slopes is empty: at least one is due")
 
 
 @dataclass
@@ -100,7 +113,7 @@ def solve(
     Damping finds a minimum of a problem that leaves something undetermined too, and says nothing of it; with
     `refuse_undetermined` such a problem fails before it is moved, and its failure names what is missing.
     """
-    config = config or SolverConfig()
+    config = checks.settings_or_default(config, SolverConfig, ConfigError)
     last = config.slopes[-1]
     active = [problem for problem in problems if _guarded(problem, lambda p: _begin(p, last))]
     starts = {id(problem): gtsam.Values(problem.values) for problem in active}
@@ -149,7 +162,8 @@ def minimize(problem: Problem, config: LevenbergMarquardtConfig | None = None) -
     """One Levenberg-Marquardt run with everything frozen as it is; raises SolveError where it fails."""
     if _guarded(problem, _start):
         problem.cost_initial = problem.cost
-        _levenberg_marquardt([problem], config or LevenbergMarquardtConfig())
+        config = checks.settings_or_default(config, LevenbergMarquardtConfig, ConfigError)
+        _levenberg_marquardt([problem], config)
     if problem.failure is not None:
         raise SolveError(f"{problem.name}: {problem.failure}")
 

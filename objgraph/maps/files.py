@@ -150,5 +150,3 @@ def is_plain_name(name: Any, end: str) -> bool:
     return (
         isinstance(name, str) and name == os.path.basename(name) and "\\" not in name and name.endswith(end)
     )
-
-

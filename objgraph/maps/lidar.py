@@ -7,7 +7,8 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 
-from objgraph.errors import ObjectGraphError, SolveError
+from factors import checks
+from objgraph.errors import ConfigError, ObjectGraphError, ObservationError, SolveError
 from objgraph.estimate.graph import GraphEstimator
 from objgraph.estimate.heading_modes import HeadingModesConfig
 from objgraph.estimate.task import Estimate, EstimationTask
@@ -19,6 +20,7 @@ from objgraph.maps.mapped_object import MappedObject
 from objgraph.maps.object_map import ObjectMap
 from objgraph.observation.frames import Instance
 from objgraph.observation.lidar.frame import Detection, LidarFrame
+from objgraph.priors.mesh import RESOLUTIONS
 from objgraph.priors.registry import prior_for
 from objgraph.priors.store import load_prior_file
 
@@ -41,6 +43,10 @@ class LidarMappingConfig:
     heading_modes: HeadingModesConfig | None = field(default_factory=HeadingModesConfig)
     """The search for other headings, where no detector said how the object stands."""
 
+    def __post_init__(self) -> None:
+        """Raises ConfigError where a number is not one of its kind."""
+        checks.settings(self, ConfigError, mesh_resolution=RESOLUTIONS)
+
 
 def map_lidar(
     frame: LidarFrame,
@@ -50,9 +56,11 @@ def map_lidar(
     """Estimate every detected object; all decode together, and one that fails says why and stops no other.
 
     Raises:
+        ObservationError: `frame` is no scan.
         PriorError: one of the files of `config.priors` is no prior.
     """
-    config = config or LidarMappingConfig()
+    config = checks.settings_or_default(config, LidarMappingConfig, ConfigError)
+    checks.instance("frame", frame, LidarFrame, ObservationError)
     tell = progress or (lambda what, done, total: None)
     given = [load_prior_file(Path(path)) for path in config.priors]
     find_prior = partial(prior_for, given=given)

@@ -5,8 +5,11 @@ from dataclasses import dataclass, field
 import gtsam
 import numpy as np
 
+from factors import checks
 from factors.depth import RaySampling
 from factors.state import ObjectState
+from factors.weighting import DEVIATIONS
+from objgraph.errors import ConfigError
 from objgraph.estimate.task import EstimationTask
 from objgraph.graph.builder import DetectedBox, GraphConfig
 from objgraph.observation.lidar.frame import Detection, LidarFrame
@@ -25,6 +28,11 @@ class DetectorNoise:
     size: float = 0.08
     """Of the logarithm of each edge."""
 
+    def __post_init__(self) -> None:
+        """Raises ConfigError where one is not positive."""
+        some = DEVIATIONS
+        checks.settings(self, ConfigError, position=some, heading_deg=some, size=some)
+
 
 @dataclass(frozen=True)
 class LidarTaskConfig:
@@ -33,6 +41,10 @@ class LidarTaskConfig:
     sampling: LidarSamplingConfig = field(default_factory=LidarSamplingConfig)
     road: RoadConfig = field(default_factory=RoadConfig)
     detector: DetectorNoise = field(default_factory=DetectorNoise)
+
+    def __post_init__(self) -> None:
+        """Raises ConfigError where one is of another kind."""
+        checks.settings(self, ConfigError)
 
 
 ROADS = GraphConfig(

@@ -133,6 +133,8 @@ class MappedObject:
             self._put(name, map_checks.number(f"{label}: {name}", getattr(self, name)))
         for name in _COUNTS:
             self._put(name, map_checks.whole(f"{label}: {name}", getattr(self, name)))
+        if not isinstance(self.views, (list, tuple)) or not isinstance(self.seconds_by_stage, Mapping):
+            raise _bad(self, "views", "must be a list, and seconds_by_stage a dictionary")
         self._put("views", tuple(str(view) for view in self.views))
         if not self.views and self.cameras is not None and not self.cameras.size:
             self._put("cameras", None)  # JSON does not tell no cameras from none given

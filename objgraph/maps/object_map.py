@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
+from factors import checks
 from objgraph.errors import MapError
 from objgraph.maps import document as map_json
 from objgraph.maps import files as map_files
@@ -30,12 +31,14 @@ class ObjectMap:
     """Unit vector against gravity, world frame."""
 
     def __post_init__(self) -> None:
-        up = np.array(self.up_world, float)
-        if up.shape != (3,) or not abs(np.linalg.norm(up) - 1) < 1e-6:
-            raise MapError(f"map of {self.scene}: up_world {up.tolist()} is no unit vector of length 3")
+        where = f"map of {checks.instance('the scene of a map', self.scene, str, MapError)}"
+        up = checks.reals(f"{where}: up_world", self.up_world, (3,), error=MapError)
+        if not abs(np.linalg.norm(up) - 1) < 1e-6:
+            raise MapError(f"{where}: up_world {up.tolist()} is no unit vector of length 3")
         up.flags.writeable = False
         object.__setattr__(self, "up_world", up)
-        object.__setattr__(self, "objects", tuple(self.objects))
+        objects = checks.tuple_of(f"{where}: objects", self.objects, MappedObject, MapError)
+        object.__setattr__(self, "objects", objects)
         ids = [entry.id for entry in self.objects]
         if repeated := sorted({i for i in ids if ids.count(i) > 1}):
             raise MapError(f"map of {self.scene}: several objects have the id {repeated}; give each its own")
@@ -55,6 +58,7 @@ class ObjectMap:
         Raises:
             MapError: the folder cannot be written.
         """
+        folder = _folder(folder)
         limit = sigma_limit(entry.vertex_sigma for entry in self.objects)
         files: dict[str, bytes] = {}
         entries = []
@@ -79,7 +83,7 @@ class ObjectMap:
             "up_world": self.up_world.tolist(),
             "objects": entries,
         }
-        map_files.commit(Path(folder), document, files)
+        map_files.commit(folder, document, files)
 
     @classmethod
     def load(cls, folder: Path | str) -> "ObjectMap":
@@ -88,7 +92,7 @@ class ObjectMap:
         Raises:
             MapError: a file is missing or broken, or a field is; the message names both.
         """
-        folder = Path(folder)
+        folder = _folder(folder)
         path = folder / map_files.DOCUMENT
         document = map_files.read_document(folder)
         map_json.require(document, ("version", "scene", "up_world", "objects"), f"{path}")
@@ -108,3 +112,9 @@ class ObjectMap:
             return cls(str(document["scene"]), tuple(objects), document["up_world"])
         except (MapError, TypeError, ValueError) as error:
             raise MapError(f"{path}: {error}") from error
+
+
+def _folder(folder: Path | str) -> Path:
+    if not isinstance(folder, (str, Path)):
+        raise MapError(f"the folder of a map must be a path, not a {type(folder).__name__}")
+    return Path(folder)

@@ -12,7 +12,8 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float
 
-from objgraph.errors import InitialisationError, ObjectGraphError, ObservationError, SolveError
+from factors import checks
+from objgraph.errors import ConfigError, InitialisationError, ObjectGraphError, ObservationError, SolveError
 from objgraph.estimate import AdamConfig, AdamEstimator
 from objgraph.estimate.graph import GraphEstimator
 from objgraph.estimate.heading_modes import HeadingModesConfig
@@ -26,9 +27,10 @@ from objgraph.maps.mapped_object import MappedObject
 from objgraph.maps.object_map import ObjectMap
 from objgraph.maps.other_estimate import OtherEstimate
 from objgraph.observation.floor import estimate_floor
-from objgraph.observation.frames import FrameSource, Instance, Scan
+from objgraph.observation.frames import FrameSource, Instance, Scan, frame_of
 from objgraph.observation.sampling import ObjectView, SamplingConfig, observe
 from objgraph.observation.view_selection import ViewIndex, ViewSelectionConfig, summarize
+from objgraph.priors.mesh import RESOLUTIONS
 from objgraph.priors.registry import prior_for
 from objgraph.priors.shape_prior import ShapePrior
 from objgraph.priors.store import load_prior_file
@@ -64,6 +66,10 @@ class MappingConfig:
     adam: AdamConfig = field(default_factory=AdamConfig)
     """Settings of the paper's."""
 
+    def __post_init__(self) -> None:
+        """Raises ConfigError where a number is not one of its kind, or there is no such estimator."""
+        checks.settings(self, ConfigError, views=checks.Range(1), mesh_resolution=RESOLUTIONS)
+
 
 @dataclass
 class _Clock:
@@ -92,9 +98,13 @@ def map_scan(
     solver, with the problem of the object as it then is.
 
     Raises:
+        ObservationError: the scan has no frame, or one that is none.
         PriorError: one of the files of `config.priors` is no prior.
     """
-    config = config or MappingConfig()
+    config = checks.settings_or_default(config, MappingConfig, ConfigError)
+    checks.instance("scan", scan, Scan, ObservationError)
+    if not len(scan.frames):
+        raise ObservationError(f"scan {scan.name} has no frame; give it some")
     given = [load_prior_file(Path(path)) for path in config.priors]
     find_prior = partial(prior_for, given=given)
     tell = progress or (lambda what, done, total: None)
@@ -235,7 +245,7 @@ def scene_points(
     rng = np.random.default_rng(seed)
     points, colors = [], []
     for i in frames:
-        frame = scan.frames[int(i)]
+        frame = frame_of(scan.frames, int(i))
         v, u = np.nonzero((frame.depth > 0) & np.isfinite(frame.depth) & (frame.depth < 8.0))
         some = rng.permutation(len(v))[:pixels]
         v, u = v[some], u[some]

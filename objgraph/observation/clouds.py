@@ -40,7 +40,8 @@ def view_cloud(view: ObjectView) -> ViewCloud:
     rays, T_world_camera = view.rays, view.T_world_camera.matrix()
     free = ~rays.hit & (rays.end > rays.depth)
     p_free = transformed(T_world_camera, rays.directions_camera[free] * rays.depth[free, None])
-    return ViewCloud(view.points_world, p_free, T_world_camera[:3, 3])
+    surface = view.points_world
+    return ViewCloud(surface[np.isfinite(surface).all(axis=1)], p_free, T_world_camera[:3, 3])
 
 
 def cloud(

@@ -10,6 +10,8 @@ from objgraph.geometry.frames import level_axes
 
 _CELL = 0.1
 _BIN = 0.01
+_REACH = 500.0
+"""Metres above and below the middle of all points beyond which nothing is of the scene."""
 
 
 @dataclass(frozen=True)
@@ -44,6 +46,10 @@ def estimate_floor(
         return None
     up = np.asarray(up_world, dtype=float) / np.linalg.norm(up_world)
     heights = points @ up
+    near = np.abs(heights - np.median(heights)) < _REACH
+    points, heights = points[near], heights[near]
+    if len(points) < 3:
+        return None
     cells = _ground_cells(points, up)
     for height in _layers(heights, cells, config.thickness):
         distance = heights - height

@@ -5,7 +5,11 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int, UInt8
 
+from factors import checks
 from objgraph.errors import ObservationError
+
+SIZES = checks.Range(1, 65536)
+"""Pixels along an edge of a picture."""
 
 
 @dataclass(frozen=True)
@@ -18,6 +22,16 @@ class Intrinsics:
     cy: float
     width: int
     height: int
+
+    def __post_init__(self) -> None:
+        """Raises ObservationError where these are no numbers of pixels."""
+        for name in ("fx", "fy"):
+            checks.number(f"Intrinsics.{name}", getattr(self, name), checks.POSITIVE, ObservationError)
+        for name in ("cx", "cy"):
+            checks.number(f"Intrinsics.{name}", getattr(self, name), error=ObservationError)
+        for name in ("width", "height"):
+            found = checks.whole(f"Intrinsics.{name}", getattr(self, name), SIZES, ObservationError)
+            object.__setattr__(self, name, found)
 
     def backproject(self, u: np.ndarray, v: np.ndarray) -> Float[np.ndarray, "n 3"]:
         """Ray directions in the camera frame with z = 1, so that a direction times z-depth is the point."""
@@ -44,13 +58,37 @@ class Frame:
     """RGB."""
 
     def __post_init__(self) -> None:
-        shape = (self.intrinsics.height, self.intrinsics.width)
-        for label, image in (("depth", self.depth), ("instance", self.instances)):
-            if image.shape[:2] != shape:
-                raise ObservationError(
-                    f"frame {self.name}: the {label} image is {image.shape[1]}x{image.shape[0]} pixels but the "
-                    f"intrinsics are for {shape[1]}x{shape[0]}; resize one or scale the intrinsics"
+        """Raises ObservationError where an image is none of numbers, or of another size than the intrinsics."""
+        checks.text("the name of a frame", self.name, ObservationError)
+        where = f"frame {self.name}"
+        checks.instance(f"{where}: intrinsics", self.intrinsics, Intrinsics, ObservationError)
+        for name, shape, kinds in _IMAGES:
+            if (given := getattr(self, name)) is not None or name != "color":
+                image = checks.array(
+                    f"{where}: {name}", given, shape, ObservationError, kinds=kinds, finite=False
                 )
+                object.__setattr__(self, name, image)
+        check_sizes(where, self.intrinsics, depth=self.depth, instance=self.instances)
+
+
+_IMAGES: tuple[tuple[str, tuple[int | None, ...], str], ...] = (
+    ("depth", (None, None), "fiu"),
+    ("T_world_camera", (4, 4), "fiu"),
+    ("instances", (None, None), "iu"),
+    ("color", (None, None, 3), "u"),
+)
+"""Arrays of a frame, their shapes and types."""
+
+
+def check_sizes(where: str, intrinsics: Intrinsics, **images: np.ndarray | None) -> None:
+    """Raise ObservationError where an image is of another size than the intrinsics are for."""
+    width, height = intrinsics.width, intrinsics.height
+    for label, image in images.items():
+        if image is not None and image.shape[:2] != (height, width):
+            raise ObservationError(
+                f"{where}: the {label} image is {image.shape[1]}x{image.shape[0]} pixels but the "
+                f"intrinsics are for {width}x{height}; resize one or scale the intrinsics"
+            )
 
 
 @dataclass(frozen=True)
@@ -60,6 +98,15 @@ class Instance:
     id: int
     """The value of its pixels in `Frame.instances`."""
     category: str
+
+    def __post_init__(self) -> None:
+        """Raises ObservationError where the id is no whole number above 0, or the category no text."""
+        checks.text(f"the category of object {self.id}", self.category, ObservationError)
+        checks.whole(f"the id of a {self.category}", self.id, IDS, ObservationError)
+
+
+IDS = checks.Range(1, 2**31)
+"""Of objects in masks, where 0 is none."""
 
 
 @dataclass(frozen=True)
@@ -71,6 +118,18 @@ class Scan:
     instances: tuple[Instance, ...]
     up_world: Float[np.ndarray, "3"]
     """Unit vector against gravity, in the world frame."""
+
+    def __post_init__(self) -> None:
+        """Raises ObservationError where it is no scan, or `up_world` has no direction."""
+        where = f"scan {checks.text('the name of a scan', self.name, ObservationError)}"
+        checks.instance(f"{where}: frames", self.frames, FrameSource, ObservationError)
+        object.__setattr__(
+            self,
+            "instances",
+            checks.tuple_of(f"{where}: instances", self.instances, Instance, ObservationError),
+        )
+        up = checks.direction(f"{where}: up_world", self.up_world, ObservationError)
+        object.__setattr__(self, "up_world", up)
 
 
 class FrameSource:
@@ -86,3 +145,8 @@ class FrameSource:
     def names(self) -> tuple[str, ...]:
         """Of all frames; this reads every one, a source that knows them without says so."""
         return tuple(self[i].name for i in range(len(self)))
+
+
+def frame_of(frames: FrameSource, index: int) -> Frame:
+    """One of a source; raises ObservationError where the source gives something else."""
+    return checks.instance(f"frame {index} of the scan", frames[index], Frame, ObservationError)

@@ -6,11 +6,13 @@ import gtsam
 import numpy as np
 from jaxtyping import Float
 
+from factors import checks
 from factors.rays import Rays
-from objgraph.errors import ObservationError
+from factors.weighting import DEVIATIONS, PLACES
+from objgraph.errors import ConfigError, ObservationError
 from objgraph.geometry.frames import transformed
 from objgraph.geometry.voxels import voxel_keys
-from objgraph.observation.frames import Frame
+from objgraph.observation.frames import IDS, Frame
 from objgraph.observation.masks import (
     check_mask,
     clean_depth,
@@ -21,6 +23,9 @@ from objgraph.observation.masks import (
     without_flying,
 )
 
+_SOME = checks.Range(1)
+_WIDTHS = checks.Range(1e-3, 1e4)
+
 
 @dataclass(frozen=True)
 class SensorNoise:
@@ -30,6 +35,10 @@ class SensorNoise:
     """At the camera."""
     quadratic: float = 0.0015
     """1/metres; a structured-light sensor's is about 0.0015 to 0.003."""
+
+    def __post_init__(self) -> None:
+        """Raises ConfigError where it is negative, or nothing at the camera."""
+        checks.settings(self, ConfigError, base=DEVIATIONS, quadratic=checks.Range(0, 1e3))
 
     def __call__(self, depth: Float[np.ndarray, "n"]) -> Float[np.ndarray, "n"]:
         return self.base + self.quadratic * np.square(depth)
@@ -63,6 +72,13 @@ class SamplingConfig:
     """Metres: surface closer than this errs together, so each cube of that size is one independent measurement."""
     noise: SensorNoise = SensorNoise()
 
+    def __post_init__(self) -> None:
+        """Raises ConfigError where a number is not one of its kind."""
+        checks.settings(
+            self, ConfigError, points=_SOME, hits=_SOME, min_pixels=checks.Range(3), max_depth=_WIDTHS,
+            margin=_WIDTHS, flying=_WIDTHS, correlation_length=_WIDTHS,
+        )  # fmt: skip
+
 
 @dataclass(frozen=True)
 class ObjectView:
@@ -77,6 +93,21 @@ class ObjectView:
     rays: Rays
     correlation_length: float
     """Metres: what of the surface lies within one cube of that size errs together."""
+
+    def __post_init__(self) -> None:
+        """Raises ObservationError where something is of another kind or shape; points need not be finite."""
+        where = f"frame {checks.text('the frame of a view', self.frame, ObservationError)}"
+        checks.pose(f"{where}: T_world_camera", self.T_world_camera, ObservationError)
+        points = checks.array(
+            f"{where}: points_camera", self.points_camera, (None, 3), ObservationError, finite=False
+        ).astype(float)
+        sigma = checks.reals(
+            f"{where}: points_sigma", self.points_sigma, (len(points),), DEVIATIONS, ObservationError
+        )
+        object.__setattr__(self, "points_camera", points)
+        object.__setattr__(self, "points_sigma", sigma)
+        checks.instance(f"{where}: rays", self.rays, Rays, ObservationError)
+        checks.number(f"{where}: correlation_length", self.correlation_length, _WIDTHS, ObservationError)
 
     @property
     def points_world(self) -> Float[np.ndarray, "n 3"]:
@@ -123,7 +154,10 @@ def observe(frame: Frame, instance: int, config: SamplingConfig | None = None, s
         ObservationError: too few usable pixels, a mask that fills the picture, depths that cannot be metres or a
             camera pose that is no rigid motion; the message names the frame and the object.
     """
-    config = config or SamplingConfig()
+    config = checks.settings_or_default(config, SamplingConfig, ConfigError)
+    checks.instance("frame", frame, Frame, ObservationError)
+    checks.whole(f"frame {frame.name}: the id of the object", instance, IDS, ObservationError)
+    checks.whole("seed", seed, error=ObservationError)
     where = f"frame {frame.name}, object {instance}"
     T_world_camera = rigid_pose(frame, where)
     depth = clean_depth(frame, where, config.max_depth)
@@ -183,7 +217,7 @@ def independent_shares(points: Float[np.ndarray, "n 3"], edge: float, most: floa
 def rigid_pose(frame: Frame, where: str) -> gtsam.Pose3:
     """T_world_camera of a frame; raises ObservationError, which begins with `where`, if it is no rigid motion."""
     T = np.asarray(frame.T_world_camera, dtype=float)
-    if T.shape != (4, 4) or not np.isfinite(T).all():
+    if T.shape != (4, 4) or not np.abs(T).max() < PLACES.most:
         raise ObservationError(f"{where}: the camera pose is not a finite 4x4 matrix; leave the frame out")
     R = T[:3, :3]
     if np.abs(R @ R.T - np.eye(3)).max() > 1e-2 or np.linalg.det(R) < 0:

@@ -6,10 +6,11 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from objgraph.errors import ObservationError
+from factors import checks
+from objgraph.errors import ConfigError, ObservationError
 from objgraph.geometry.frames import transformed
 from objgraph.geometry.voxels import voxel_keys
-from objgraph.observation.frames import Frame, FrameSource
+from objgraph.observation.frames import Frame, FrameSource, frame_of
 
 _REFERENCE_PIXELS = 640 * 480
 
@@ -32,6 +33,14 @@ class ViewSelectionConfig:
     """Share of its worth that a frame loses when the image's edge cuts the object along its whole width."""
     max_depth: float = 8.0
     """Depth beyond which pixels are not counted, metres."""
+
+    def __post_init__(self) -> None:
+        """Raises ConfigError where a number is not one of its kind."""
+        share, some = checks.Range(0, 1), checks.Range(1e-3, 1e4)
+        checks.settings(
+            self, ConfigError, voxel=some, full_angle=checks.Range(1e-3, 4), angle_floor=share,
+            border=checks.Range(1), border_penalty=share, max_depth=some,
+        )  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -104,10 +113,10 @@ def summarize(
 
     `progress` is called after each frame with the number read and the number of all.
     """
-    config = config or ViewSelectionConfig()
+    config = checks.settings_or_default(config, ViewSelectionConfig, ConfigError)
     views: dict[int, list[InstanceView]] = {}
     for index in range(len(frames)):
-        for instance_id, view in _summarize_frame(index, frames[index], config):
+        for instance_id, view in _summarize_frame(index, frame_of(frames, index), config):
             views.setdefault(instance_id, []).append(view)
         if progress is not None:
             progress(index + 1, len(frames))

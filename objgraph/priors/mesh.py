@@ -9,6 +9,7 @@ import torch
 import trimesh
 from jaxtyping import Bool, Float, Int
 
+from factors import checks
 from factors.sdf_decoder import SdfDecoder
 from objgraph.errors import SolveError
 from objgraph.geometry.frames import transformed
@@ -16,6 +17,9 @@ from objgraph.geometry.frames import transformed
 _LOG = logging.getLogger(__name__)
 _BLOCKS = (8, 4, 2)
 """Sides, in cells, of the blocks whose centres decide where to look closer."""
+
+RESOLUTIONS = checks.Range(1, 1024)
+"""Cells along an edge of a grid."""
 
 Field = Callable[[Float[np.ndarray, "n 3"]], Float[np.ndarray, "n"]]
 
@@ -60,6 +64,7 @@ def sdf_grid(
     Raises:
         SolveError: the code is not one of this decoder's.
     """
+    checks.whole("the resolution of a mesh", resolution, RESOLUTIONS, SolveError)
     return field_grid(_field(decoder, code, chunk), resolution, bound, slope=slope)
 
 

@@ -45,7 +45,9 @@ def loaded_network(kind: Callable[[C], N], config: C, weights: dict[str, Tensor]
 
 def check_size(kind: Callable[[C], nn.Module], config: C, weights: dict[str, Tensor]) -> None:
     """Raises ValueError where the settings describe a network that is larger than the weights."""
-    numbers = [item for value in vars(config).values() for item in (value if isinstance(value, tuple) else [value])]
+    numbers = [
+        item for value in vars(config).values() for item in (value if isinstance(value, tuple) else [value])
+    ]
     if len(numbers) > _MOST or not all(0 <= item <= _MOST for item in numbers if isinstance(item, int)):
         raise ValueError(f"a network of sizes {numbers[:10]} is none")
     with torch.device("meta"):  # nothing is allocated

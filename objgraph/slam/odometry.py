@@ -7,6 +7,10 @@ from dataclasses import dataclass
 import gtsam
 import numpy as np
 
+from factors import checks
+from factors.weighting import DEVIATIONS
+from objgraph.errors import ConfigError
+
 
 @dataclass(frozen=True)
 class OdometryNoise:
@@ -22,6 +26,10 @@ class OdometryNoise:
     """Metres, of a camera that stands still."""
     least_rotation: float = 0.001
     """Radians, of a camera that stands still."""
+
+    def __post_init__(self) -> None:
+        """Raises ConfigError where a number is negative, or a camera that stands still is said to err not at all."""
+        checks.settings(self, ConfigError, least_translation=DEVIATIONS, least_rotation=DEVIATIONS)
 
     def model(self, T_previous_current: gtsam.Pose3) -> gtsam.noiseModel.Base:
         """The noise of one motion, in the current camera's frame."""

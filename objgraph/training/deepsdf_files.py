@@ -134,7 +134,9 @@ def _decoder(path: Path, config: DeepSdfConfig, weights: dict[str, Any]) -> Deep
     """The decoder with the checkpoint's weights, weight norm folded."""
     try:
         given = {str(key).removeprefix("module."): value for key, value in weights.items()}
-        check_size(DeepSdfDecoder, config, {key: value for key, value in given.items() if isinstance(value, Tensor)})
+        check_size(
+            DeepSdfDecoder, config, {key: value for key, value in given.items() if isinstance(value, Tensor)}
+        )
         decoder = DeepSdfDecoder(config)
     except (FactorError, RuntimeError, ValueError) as error:
         raise PriorError(f"{path}: specs.json describes no network that can be built: {error}") from error

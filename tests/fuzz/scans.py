@@ -36,7 +36,9 @@ def read_scan(dataset: str, root: Path) -> None:
         for i in range(min(len(scan.frames), 5)):
             check(scan.frames[i])
         for truth in dict(scan.ground_truth).values():
-            assert all(np.isfinite(each).all() for each in (truth.T_world_object, truth.scale, truth.vertices))
+            assert all(
+                np.isfinite(each).all() for each in (truth.T_world_object, truth.scale, truth.vertices)
+            )
 
 
 def check(frame: Frame) -> None:
@@ -141,7 +143,9 @@ def write_lidar(root: Path, form: str) -> None:
 
 
 def of_toy(write: Callable[..., Path], count: int = 2) -> Callable[[Path], object]:
-    return lambda root: write(root / "a" if write is folders.write_tum_sequence else root, folders.toy_scan(count))
+    return lambda root: write(
+        root / "a" if write is folders.write_tum_sequence else root, folders.toy_scan(count)
+    )
 
 
 def of_lidar(form: str) -> tuple[Callable[[Path], object], Callable[[Path], object]]:
@@ -169,6 +173,9 @@ SCANS: dict[str, tuple[Callable[[Path], object], Callable[[Path], object]]] = {
     "bag": (of_bag("bag"), scan_of("bag")),
     "mcap": (of_bag("mcap", how="odometry", depth="compressedDepth", color="jpeg"), scan_of("bag")),
     "db3": (of_bag("db3", how="pose", depth="32FC1"), scan_of("bag")),
-    **{f"lidar {form}": of_lidar(form) for form in ("bin", "ply", "ascii.ply", "pcd", "ascii.pcd", "compressed.pcd")},
+    **{
+        f"lidar {form}": of_lidar(form)
+        for form in ("bin", "ply", "ascii.ply", "pcd", "ascii.pcd", "compressed.pcd")
+    },
 }
 """What writes each into a folder, and what reads it."""

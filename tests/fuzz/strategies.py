@@ -128,6 +128,7 @@ def arrays(draw: st.DrawFn, good: np.ndarray) -> Any:
         if what == "entry" and array.size:
             array = array.copy()  # a layout may be one that cannot be written
             value = draw(st.sampled_from([np.nan, np.inf, -np.inf, 1e300, -1e300, -1.0, 0.0]))
+            array = array.copy()
             with np.errstate(all="ignore"):
                 array.flat[draw(st.integers(0, array.size - 1))] = np.array(value).astype(array.dtype)
         elif what == "shape":

@@ -83,7 +83,9 @@ def test_names_in_an_index_of_meshes_stay_in_the_folder(tmp_path, outside):
         assert "lies outside of" in refused(read_index, folder, "chair")
 
 
-@pytest.mark.parametrize("name", ["../outside/object.glb", "/etc/object.glb", "a/../object.glb", "..\\object.glb"])
+@pytest.mark.parametrize(
+    "name", ["../outside/object.glb", "/etc/object.glb", "a/../object.glb", "..\\object.glb"]
+)
 @pytest.mark.parametrize("field", ["mesh", "joint_covariance"])
 def test_names_in_a_map_stay_in_the_folder(tmp_path, name, field):
     folder = tmp_path / "map"
@@ -141,7 +143,10 @@ def header_of_png(width: int, height: int, depth: int = 16) -> bytes:
     """An image that says how large it is, and has next to nothing of it."""
     chunks = [(b"IHDR", struct.pack(">IIBBBBB", width, height, depth, 0, 0, 0, 0))]
     chunks += [(b"IDAT", zlib.compress(bytes(100))), (b"IEND", b"")]
-    body = (struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data)) for kind, data in chunks)
+    body = (
+        struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+        for kind, data in chunks
+    )
     return b"\x89PNG\r\n\x1a\n" + b"".join(body)
 
 
@@ -164,7 +169,10 @@ def test_an_archive_that_unpacks_to_gigabytes_is_refused(tmp_path):
     write(tmp_path)
     folder = tmp_path / "scannet" / "scans" / folders.SCENE
     archive = folder / f"{folder.name}_2d-instance-filt.zip"
-    with zipfile.ZipFile(archive, "w", zipfile.ZIP_DEFLATED) as file, file.open("instance-filt/0.png", "w") as member:
+    with (
+        zipfile.ZipFile(archive, "w", zipfile.ZIP_DEFLATED) as file,
+        file.open("instance-filt/0.png", "w") as member,
+    ):
         for _ in range(300):
             member.write(bytes(2**20))
     assert archive.stat().st_size < 10**6
@@ -177,7 +185,8 @@ def test_depth_that_unpacks_to_gigabytes_is_refused(tmp_path):
     bomb = zlib.compress(bytes(2**27))
     at = good.index(depth)
     folders.write_bytes(
-        tmp_path / "a.sens", good[: at].replace(struct.pack("<Q", len(depth)), struct.pack("<Q", len(bomb))) + bomb
+        tmp_path / "a.sens",
+        good[:at].replace(struct.pack("<Q", len(depth)), struct.pack("<Q", len(bomb))) + bomb,
     )
     assert "16-bit pixels" in refused(lambda: SensFile(tmp_path / "a.sens").depth(0))
 
@@ -185,7 +194,9 @@ def test_depth_that_unpacks_to_gigabytes_is_refused(tmp_path):
 def glb(document: dict, data: bytes = b"") -> bytes:
     text = json.dumps(document).encode()
     text += b" " * (-len(text) % 4)
-    parts = struct.pack("<II", len(text), 0x4E4F534A) + text + struct.pack("<II", len(data), 0x004E4942) + data
+    parts = (
+        struct.pack("<II", len(text), 0x4E4F534A) + text + struct.pack("<II", len(data), 0x004E4942) + data
+    )
     return struct.pack("<4sII", b"glTF", 2, 12 + len(parts)) + parts
 
 
@@ -217,7 +228,9 @@ def test_a_triangle_is_one():
         triangle(accessors=[{"bufferView": 0, "componentType": 5126, "count": -5, "type": "VEC3"}] * 2),
         triangle(nodes=[{"mesh": 0, "children": [0]}]),
         triangle(nodes=[{"children": [1]}, {"children": [0], "mesh": 0}]),
-        triangle(images=[{"uri": "../outside/depth.png"}], textures=[{"source": 0}], extensionsRequired=["x"]),
+        triangle(
+            images=[{"uri": "../outside/depth.png"}], textures=[{"source": 0}], extensionsRequired=["x"]
+        ),
     ],
 )
 def test_a_scene_that_asks_for_more_than_it_has_ends(tmp_path, document):
@@ -230,7 +243,10 @@ def test_a_mesh_that_is_shown_a_million_times_is_refused(tmp_path):
     document = triangle(
         scenes=[{"nodes": list(range(300))}],
         nodes=[{"mesh": 0}] * 300,
-        bufferViews=[{"buffer": 0, "byteLength": 36}, {"buffer": 0, "byteOffset": 36, "byteLength": len(many)}],
+        bufferViews=[
+            {"buffer": 0, "byteLength": 36},
+            {"buffer": 0, "byteOffset": 36, "byteLength": len(many)},
+        ],
         buffers=[{"byteLength": 36 + len(many)}],
     )
     document["accessors"][1]["count"] = 120_000

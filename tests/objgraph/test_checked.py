@@ -12,7 +12,11 @@ from hypothesis import strategies as st
 from objgraph.checked import DEEPEST, direction, fits, inside, numbers, parse_json, typed, whole
 
 JSON = st.recursive(
-    st.none() | st.booleans() | st.integers(-(2**63), 2**63) | st.floats(allow_nan=False, allow_infinity=False) | st.text(),
+    st.none()
+    | st.booleans()
+    | st.integers(-(2**63), 2**63)
+    | st.floats(allow_nan=False, allow_infinity=False)
+    | st.text(),
     lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(), inner, max_size=3),
     max_leaves=10,
 )
@@ -67,7 +71,9 @@ def test_numbers_have_a_shape():
     np.testing.assert_array_equal(numbers(2.5, 1), [2.5])
 
 
-@pytest.mark.parametrize("value", [None, [1, 2], [1, 2, None], [1, 2, "x"], {"a": 1}, [[1], [2, 3]], [1, 2, np.inf], "abc"])
+@pytest.mark.parametrize(
+    "value", [None, [1, 2], [1, 2, None], [1, 2, "x"], {"a": 1}, [[1], [2, 3]], [1, 2, np.inf], "abc"]
+)
 def test_what_is_no_array_of_three_numbers(value):
     with pytest.raises(ValueError, match=r"number|float|sequence"):
         numbers(value, 3)
@@ -91,7 +97,9 @@ def test_a_file_in_the_folder(tmp_path, name):
     assert inside(tmp_path, name) == tmp_path / name
 
 
-@pytest.mark.parametrize("name", ["../a", "/a", "b/../../a", "link/a", "round", "", None, 3, "a\0b", "x" * 5000])
+@pytest.mark.parametrize(
+    "name", ["../a", "/a", "b/../../a", "link/a", "round", "", None, 3, "a\0b", "x" * 5000]
+)
 def test_a_file_that_is_not_in_the_folder(tmp_path, name):
     folder = tmp_path / "own"
     folder.mkdir()

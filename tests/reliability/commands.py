@@ -12,11 +12,11 @@ import numpy as np
 import pytest
 import safetensors.numpy
 
-import objgraph.cli.evaluate  # noqa: F401  (loaded once for all children)
+import objgraph.cli.evaluate
 import objgraph.cli.map
 import objgraph.cli.report
 import objgraph.cli.segment
-import objgraph.training.export  # noqa: F401
+import objgraph.training.export
 import objgraph.training.guess  # noqa: F401
 from objgraph.atomic import UNFINISHED
 from objgraph.cli.main import main
@@ -89,8 +89,7 @@ def _train(given: Path, out: Path) -> list[str]:
 
 def _train_guess(given: Path, out: Path) -> list[str]:
     network = " ".join(
-        f"--guess.network.{name} 32"
-        for name in ("surface", "free", "heading-width", "place-width", "hidden")
+        f"--guess.network.{name} 32" for name in ("surface", "free", "heading-width", "place-width", "hidden")
     )
     words = f"--guess.scenes 6 --guess.steps 12 --guess.batch 4 {network}"
     prior = ["--prior", "bathtub", "--out", str(out / "guess.safetensors"), "--work", str(out / "work")]

@@ -63,7 +63,9 @@ def assert_told(ended: Ended, out: Path, before: set[Path]) -> None:
         assert not [path for path in out.rglob("*") if UNFINISHED in path.name]
 
 
-def test_files_that_become_too_large_are_told_and_the_next_run_writes_them(command, tmp_path, record_property):
+def test_files_that_become_too_large_are_told_and_the_next_run_writes_them(
+    command, tmp_path, record_property
+):
     whole = expected(command, tmp_path)
     refused = 0
     for limit in (500, 5_000, 50_000, 1_000_000):

@@ -6,10 +6,20 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Float, Int, UInt8
 
+from factors import checks
+from factors.weighting import DEVIATIONS, PLACES
 from objgraph.errors import ObservationError
 from objgraph.geometry.boxes import OrientedBox
 from objgraph.geometry.frames import transformed, transformed_back
-from objgraph.observation.frames import Intrinsics
+from objgraph.observation.frames import IDS, Intrinsics, check_sizes
+
+
+def rigid(what: str, T: Float[np.ndarray, "4 4"]) -> Float[np.ndarray, "4 4"]:
+    """The matrix; raises ObservationError where it is no rotation and translation."""
+    R = T[:3, :3]
+    if not np.abs(R @ R.T - np.eye(3)).max() < 1e-2 or np.linalg.det(R) < 0:
+        raise ObservationError(f"{what} is no rigid motion")
+    return T
 
 
 @dataclass(frozen=True)
@@ -26,10 +36,14 @@ class Detection:
     score: float | None = None
 
     def __post_init__(self) -> None:
-        if not (np.isfinite(self.T_world_object).all() and np.isfinite(self.size).all()):
-            raise ObservationError(f"{self.name}: the detected box is not finite; leave it out")
-        if not (np.asarray(self.size) > 0).all():
-            raise ObservationError(f"{self.name}: the detected box has edges {self.size}; leave it out")
+        """Raises ObservationError where the box is none."""
+        checks.text(f"the category of detection {self.id}", self.category, ObservationError)
+        checks.whole(f"the id of a detected {self.category}", self.id, IDS, ObservationError)
+        what = f"{self.name}: leave the detection out, its"
+        T = checks.reals(f"{what} T_world_object", self.T_world_object, (4, 4), PLACES, ObservationError)
+        size = checks.reals(f"{what} edges", self.size, (3,), DEVIATIONS, ObservationError)
+        object.__setattr__(self, "T_world_object", rigid(f"{what} T_world_object", T))
+        object.__setattr__(self, "size", size)
 
     @property
     def name(self) -> str:
@@ -60,13 +74,18 @@ class Picture:
     """Id of the detection that a pixel shows; 0 where none. None where nobody segmented the picture."""
 
     def __post_init__(self) -> None:
-        shape = (self.intrinsics.height, self.intrinsics.width)
-        for label, image in (("colour", self.color), ("instance", self.instances)):
-            if image is not None and image.shape[:2] != shape:
-                raise ObservationError(
-                    f"the {label} image is {image.shape[1]}x{image.shape[0]} pixels but the intrinsics are for "
-                    f"{shape[1]}x{shape[0]}"
-                )
+        """Raises ObservationError where an image is none of numbers, or of another size than the intrinsics."""
+        checks.instance("a picture's intrinsics", self.intrinsics, Intrinsics, ObservationError)
+        color = checks.array("a picture's color", self.color, (None, None, 3), ObservationError, kinds="u")
+        T = checks.reals("a picture's T_world_camera", self.T_world_camera, (4, 4), PLACES, ObservationError)
+        object.__setattr__(self, "color", color)
+        object.__setattr__(self, "T_world_camera", T)
+        if self.instances is not None:
+            ids = checks.array(
+                "a picture's instances", self.instances, (None, None), ObservationError, kinds="iu"
+            )
+            object.__setattr__(self, "instances", ids)
+        check_sizes("a picture", self.intrinsics, colour=self.color, instance=self.instances)
 
     def ids_at(self, p_world: Float[np.ndarray, "n 3"]) -> Int[np.ndarray, "n"]:
         """The mask's id at each world point; -1 where the point is not in the picture or nobody segmented it."""
@@ -95,6 +114,23 @@ class LidarFrame:
     """Unit vector against gravity, as far as it is known without looking at the road."""
     detections: tuple[Detection, ...]
     picture: Picture | None = None
+
+    def __post_init__(self) -> None:
+        """Raises ObservationError where it is no scan; returns that are not finite may be in it, and say nothing."""
+        where = f"frame {checks.text('the name of a scan', self.name, ObservationError)}"
+        points = checks.array(f"{where}: p_lidar", self.p_lidar, (None, 3), ObservationError, finite=False)
+        T = checks.reals(f"{where}: T_world_lidar", self.T_world_lidar, (4, 4), PLACES, ObservationError)
+        object.__setattr__(self, "p_lidar", points)
+        object.__setattr__(self, "T_world_lidar", rigid(f"{where}: T_world_lidar", T))
+        up = checks.direction(f"{where}: up_world", self.up_world, ObservationError)
+        object.__setattr__(self, "up_world", up)
+        found = checks.tuple_of(f"{where}: detections", self.detections, Detection, ObservationError)
+        object.__setattr__(self, "detections", found)
+        ids = [each.id for each in self.detections]
+        if len(set(ids)) < len(ids):
+            raise ObservationError(f"{where}: two detections have the same id; give each its own")
+        if self.picture is not None:
+            checks.instance(f"{where}: picture", self.picture, Picture, ObservationError)
 
     @cached_property
     def p_world(self) -> Float[np.ndarray, "n 3"]:

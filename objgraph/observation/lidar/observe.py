@@ -7,8 +7,9 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy.spatial import cKDTree
 
+from factors import checks
 from factors.rays import Rays
-from objgraph.errors import ObservationError
+from objgraph.errors import ConfigError, ObservationError
 from objgraph.geometry.frames import transformed
 from objgraph.observation.lidar.frame import Detection, LidarFrame
 from objgraph.observation.lidar.road import Road
@@ -42,6 +43,14 @@ class LidarSamplingConfig:
     """Metres: surface closer than this errs together, so each cube of that size is one independent measurement."""
     noise: SensorNoise = field(default_factory=lambda: SensorNoise(base=0.02, quadratic=0.0))
 
+    def __post_init__(self) -> None:
+        """Raises ConfigError where a number is not one of its kind."""
+        some, metres = checks.Range(1), checks.Range(1e-3, 1e4)
+        checks.settings(
+            self, ConfigError, points=some, least=checks.Range(3), cell=metres, beam=checks.Range(0, 1),
+            correlation_length=metres,
+        )  # fmt: skip
+
 
 def observe_lidar(
     frame: LidarFrame,
@@ -61,7 +70,9 @@ def observe_lidar(
         ObservationError: the box is behind the LiDAR, or too few returns are in it; the message names the frame and
             the object.
     """
-    config = config or LidarSamplingConfig()
+    config = checks.settings_or_default(config, LidarSamplingConfig, ConfigError)
+    checks.instance("frame", frame, LidarFrame, ObservationError)
+    checks.instance(f"frame {frame.name}: detection", detection, Detection, ObservationError)
     where = f"frame {frame.name}, {detection.name}"
     ahead = frame.p_lidar[:, 2] > 0.5
     p_lidar = frame.p_lidar[ahead & np.isfinite(frame.p_lidar).all(axis=1)]

@@ -5,6 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
+from factors import checks
+from objgraph.errors import ConfigError
 from objgraph.observation.lidar.frame import Detection
 
 
@@ -33,6 +35,14 @@ class RoadConfig:
     slope_sigma: float = 0.03
     """How far roads lean, radians: what few returns on a narrow strip leave open."""
 
+    def __post_init__(self) -> None:
+        """Raises ConfigError where a number is not one of its kind."""
+        metres = checks.Range(1e-3, 1e4)
+        checks.settings(
+            self, ConfigError, thickness=metres, least=checks.Range(3), draws=checks.Range(1, 10_000),
+            roughness=metres, cell=metres, slope_sigma=checks.Range(1e-4, 10),
+        )  # fmt: skip
+
 
 @dataclass(frozen=True)
 class Road:
@@ -59,7 +69,7 @@ def road_under(
 
     Of planes through three random returns the one with the most on it, fitted again to these.
     """
-    config = config or RoadConfig()
+    config = checks.settings_or_default(config, RoadConfig, ConfigError)
     in_box = detection.to_box(p_world)
     away = np.abs(in_box) - detection.size / 2
     low = in_box[:, 1] + detection.size[1] / 2

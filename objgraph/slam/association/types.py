@@ -7,9 +7,11 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
+from factors import checks
 from factors.sdf_decoder import SdfDecoder
 from factors.state import CAMERA_DOF, RIGID_DOF, ObjectState
-from objgraph.errors import FactorError, SolveError
+from factors.weighting import DEVIATIONS
+from objgraph.errors import ConfigError, FactorError, SolveError
 from objgraph.observation.sampling import ObjectView
 
 
@@ -58,6 +60,16 @@ class AssociationConfig:
     """Share of each one's surface that lies on the other's where they are one."""
     merge_points: int = 200
     """Points on each surface that tell it."""
+
+    def __post_init__(self) -> None:
+        """Raises ConfigError where a number is not one of its kind."""
+        some, share = checks.Range(1, 10**6), checks.Range(0, 1)
+        checks.settings(
+            self, ConfigError, candidates=some, points=some, rays=some, steps=checks.Range(1, 1000),
+            observable=checks.Range(1e-6, 1), probability=checks.Range(1e-6, 1 - 1e-12), unmodelled=DEVIATIONS,
+            distance=checks.POSITIVE, overlap=share, contradicted=share, spacing=DEVIATIONS, start_points=some,
+            merge_iou=share, merge_overlap=share, merge_points=some,
+        )  # fmt: skip
 
 
 @dataclass(frozen=True)

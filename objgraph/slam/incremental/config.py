@@ -2,6 +2,9 @@
 
 from dataclasses import dataclass, field
 
+from factors import checks
+from factors.weighting import DEVIATIONS
+from objgraph.errors import ConfigError
 from objgraph.graph.builder import GraphConfig
 from objgraph.graph.initialise import InitialisationConfig
 from objgraph.graph.solve import LevenbergMarquardtConfig, SolverConfig
@@ -22,6 +25,11 @@ class Tolerance:
     """Of each of the object's scales."""
     code: float = 0.1
     """Root mean square over the code, in standard deviations of the prior."""
+
+    def __post_init__(self) -> None:
+        """Raises ConfigError where one is not positive."""
+        some = checks.POSITIVE
+        checks.settings(self, ConfigError, rotation=some, translation=some, log_scale=some, code=some)
 
 
 @dataclass(frozen=True)
@@ -61,3 +69,10 @@ class IncrementalConfig:
     """Frames after which cameras are marginalised out; None keeps all."""
     seed: int = 0
     """Of everything that is sampled."""
+
+    def __post_init__(self) -> None:
+        """Raises ConfigError where a number is not one of its kind."""
+        checks.settings(
+            self, ConfigError, anchor_rotation=DEVIATIONS, anchor_translation=DEVIATIONS,
+            views_to_enter=checks.Range(1), lag=checks.POSITIVE,
+        )  # fmt: skip

@@ -8,9 +8,10 @@ import gtsam
 import numpy as np
 from jaxtyping import Float
 
+from factors import checks
 from factors.state import ObjectKeys, ObjectState
 from objgraph.covariance.labelled import ObjectCovariance
-from objgraph.errors import ObjectGraphError
+from objgraph.errors import ObjectGraphError, PriorError
 from objgraph.observation.frames import Frame, Instance
 from objgraph.observation.sampling import ObjectView, observe
 from objgraph.priors.shape_prior import ShapePrior
@@ -130,7 +131,10 @@ class FrontEnd:
             try:
                 seed = self.config.seed + len(self.cameras)
                 view = observe(frame, detection.id, self.config.sampling, seed)
-                views.append((view.at(T_world_camera), self._find_prior(detection.category)))
+                prior = self._find_prior(detection.category)
+                views.append(
+                    (view.at(T_world_camera), checks.instance("a prior", prior, ShapePrior, PriorError))
+                )
             except ObjectGraphError as error:
                 reasons.append(str(error))
                 _LOG.info("a detection is left out: %s", error)

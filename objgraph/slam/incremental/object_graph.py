@@ -7,9 +7,10 @@ import numpy as np
 from gtsam.symbol_shorthand import X
 from jaxtyping import Float
 
+from factors import checks
 from factors.keys import readable_key
 from factors.state import ObjectKeys
-from objgraph.errors import SolveError
+from objgraph.errors import ConfigError, ObservationError, SolveError
 from objgraph.graph.builder import ObjectBuilder
 from objgraph.graph.object_graph import ObjectGraph
 from objgraph.observation.frames import Frame, Instance
@@ -50,8 +51,13 @@ class IncrementalObjectGraph(FrontEnd):
         With `body_T_camera` the poses of the graph are those of the body that the camera is fixed on; frames still come
         with the camera's. `object_keys` gives the keys of the n-th object.
         """
-        config = config or IncrementalConfig()
-        builder = ObjectBuilder(config.graph, np.asarray(up_world, float), floor)
+        config = checks.settings_or_default(config, IncrementalConfig, ConfigError)
+        up_world = checks.direction("up_world", up_world, ObservationError)
+        builder = ObjectBuilder(config.graph, up_world, floor)
+        if body_T_camera is not None:
+            checks.pose("body_T_camera", body_T_camera, ObservationError)
+        if not callable(find_prior) or not callable(object_keys):
+            raise ConfigError("find_prior and object_keys must be functions, of a category and of a number")
         self._smoother = Smoother(config.lag)
         system = IncrementalSystem(config, builder, self._smoother, body_T_camera)
         super().__init__(system, find_prior, object_keys)
@@ -86,7 +92,13 @@ class IncrementalObjectGraph(FrontEnd):
             SolveError: the key is taken, or the update cannot be solved, for instance because a variable of the caller's
                 is not determined. In any case the map is as it was before.
         """
-        camera = self.next_camera if camera is None else camera
+        checks.instance("frame", frame, Frame, ObservationError)
+        where = f"frame {frame.name}"
+        detections = checks.tuple_of(f"{where}: detections", detections, Instance, ObservationError)
+        factors = checks.tuple_of(f"{where}: factors", factors, gtsam.NonlinearFactor, SolveError)
+        if values is not None:
+            checks.instance(f"{where}: values", values, gtsam.Values, SolveError)
+        camera = self.next_camera if camera is None else checks.key(f"{where}: camera", camera, SolveError)
         if self.system.smoother.has(camera) or camera in self.cameras:
             raise SolveError(
                 f"frame {frame.name}: {readable_key(camera)} is in the map already: give another key"

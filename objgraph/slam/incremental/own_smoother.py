@@ -7,8 +7,9 @@ import gtsam
 import numpy as np
 from jaxtyping import Float
 
+from factors import checks
 from factors.state import ObjectKeys
-from objgraph.errors import SolveError
+from objgraph.errors import ConfigError, ObservationError, SolveError
 from objgraph.graph.builder import ObjectBuilder
 from objgraph.observation.frames import Frame, Instance
 from objgraph.priors.registry import prior_for
@@ -65,8 +66,15 @@ class ObjectFrontEnd:
         With `body_T_camera` the keys given to `step` are of the body's pose. `object_keys` gives the keys of the n-th
         object, which must be free in the smoother. Of `config` the odometry, the anchor and the lag are not used.
         """
-        config = config or IncrementalConfig()
-        builder = ObjectBuilder(config.graph, np.asarray(up_world, float), floor)
+        config = checks.settings_or_default(config, IncrementalConfig, ConfigError)
+        up_world = checks.direction("up_world", up_world, ObservationError)
+        builder = ObjectBuilder(config.graph, up_world, floor)
+        if body_T_camera is not None:
+            checks.pose("body_T_camera", body_T_camera, ObservationError)
+        if not callable(find_prior) or not callable(object_keys):
+            raise ConfigError("find_prior and object_keys must be functions, of a category and of a number")
+        if not isinstance(smoother, (gtsam.ISAM2, gtsam.IncrementalFixedLagSmoother)):
+            raise ConfigError(f"a {type(smoother).__name__} is no smoother: ISAM2 is one")
         self._staged = StagedSmoother(smoother)
         system = IncrementalSystem(config, builder, self._staged, body_T_camera)
         self._tracker = FrontEnd(system, find_prior, object_keys)
@@ -92,6 +100,10 @@ class ObjectFrontEnd:
             SolveError: the camera is not in the smoother, or the last step's factors have no slots yet; nothing has been
                 changed.
         """
+        checks.instance("frame", frame, Frame, ObservationError)
+        where = f"frame {frame.name}"
+        detections = checks.tuple_of(f"{where}: detections", detections, Instance, ObservationError)
+        camera = checks.key(f"{where}: camera", camera, SolveError)
         self._staged.check_accepted()
         if camera in self._tracker.cameras:
             raise SolveError(f"frame {frame.name}: its camera has been given with an earlier frame already")
@@ -114,4 +126,4 @@ class ObjectFrontEnd:
         Raises:
             SolveError: there are not as many as the step has.
         """
-        self._staged.accept(slots)
+        self._staged.accept(checks.keys("slots", slots, SolveError))

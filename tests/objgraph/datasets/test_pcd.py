@@ -29,8 +29,17 @@ def test_what_open3d_writes_is_read_as_it_reads_it(tmp_path, compressed, ascii_f
 
 
 def head(**changes: str) -> bytes:
-    fields = {"FIELDS": "x y z", "SIZE": "4 4 4", "TYPE": "F F F", "COUNT": "1 1 1", "POINTS": "2", "DATA": "binary"}
-    return b"# a comment\nVERSION .7\n" + "".join(f"{k} {v}\n" for k, v in (fields | changes).items()).encode()
+    fields = {
+        "FIELDS": "x y z",
+        "SIZE": "4 4 4",
+        "TYPE": "F F F",
+        "COUNT": "1 1 1",
+        "POINTS": "2",
+        "DATA": "binary",
+    }
+    return (
+        b"# a comment\nVERSION .7\n" + "".join(f"{k} {v}\n" for k, v in (fields | changes).items()).encode()
+    )
 
 
 def test_fields_of_all_types_lie_where_the_header_says():
@@ -38,7 +47,9 @@ def test_fields_of_all_types_lie_where_the_header_says():
     rows = np.zeros(2, layout)
     rows["x"], rows["y"], rows["z"] = [1.5, 2.5], [-3, 4], [1e-3, 7]
     header = head(FIELDS="i z _ x y n", SIZE="1 8 1 4 2 4", TYPE="U F U F I F", COUNT="1 1 6 1 1 3")
-    np.testing.assert_array_equal(parse_pcd(header + rows.tobytes()), np.column_stack([rows[k].astype(float) for k in "xyz"]).round(7))
+    np.testing.assert_array_equal(
+        parse_pcd(header + rows.tobytes()), np.column_stack([rows[k].astype(float) for k in "xyz"]).round(7)
+    )
 
 
 @given(st.lists(st.sampled_from([b"\0", b"ab", b"abcabcabc", b"xyz" * 100]), min_size=8).map(b"".join))
@@ -49,7 +60,12 @@ def test_runs_and_copies_are_unpacked(text):
     while at < size:
         for back in (1, 3):
             length = 0
-            while at >= back and at + length < size and length < 264 and text[at + length] == text[at + length - back]:
+            while (
+                at >= back
+                and at + length < size
+                and length < 264
+                and text[at + length] == text[at + length - back]
+            ):
                 length += 1
             if length >= 3:
                 short = min(length - 2, 7)
@@ -60,7 +76,14 @@ def test_runs_and_copies_are_unpacked(text):
             packed += bytes([0, text[at]])
         at += length
     data = struct.pack("<II", len(packed), size) + packed
-    header = head(FIELDS="x y z", SIZE="1 1 1", TYPE="U U U", COUNT="4 4 4", POINTS=str(size // 12), DATA="binary_compressed")
+    header = head(
+        FIELDS="x y z",
+        SIZE="1 1 1",
+        TYPE="U U U",
+        COUNT="4 4 4",
+        POINTS=str(size // 12),
+        DATA="binary_compressed",
+    )
     if not size:
         return
     columns = np.frombuffer(text, np.uint8).reshape(3, -1, 4)[:, :, 0]
@@ -84,7 +107,10 @@ def test_runs_and_copies_are_unpacked(text):
         (head(DATA="ascii") + b"1 2 3 4 5\n", "truncated or empty"),
         (head(DATA="ascii") + b"1 2 3 4 5 x\n", "could not convert"),
         (head(DATA="binary_compressed") + bytes(3), "truncated"),
-        (head(DATA="binary_compressed") + struct.pack("<II", 13, 12) + b"\x0b" + bytes(12), "not those of its points"),
+        (
+            head(DATA="binary_compressed") + struct.pack("<II", 13, 12) + b"\x0b" + bytes(12),
+            "not those of its points",
+        ),
         (head(DATA="binary_compressed") + struct.pack("<II", 2, 24) + b"\x20\x00", "what is not there"),
         (head(DATA="binary_compressed") + struct.pack("<II", 2, 24) + b"\x05\x00", "in place of"),
     ],

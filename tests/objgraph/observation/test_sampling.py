@@ -65,7 +65,6 @@ BAD = {
     ),
     "pose of NaN": (posed(np.full((4, 4), np.nan)), "not a finite 4x4"),
     "pose of -inf": (posed(np.full((4, 4), -np.inf)), "not a finite 4x4"),
-    "pose of 3x4": (posed(np.eye(4)[:3]), "not a finite 4x4"),
     "scaled pose": (posed(np.diag([2.0, 2.0, 2.0, 1.0])), "no rigid motion"),
     "mirrored pose": (posed(np.diag([-1.0, 1.0, 1.0, 1.0])), "no rigid motion"),
     "pose of zeros": (posed(np.zeros((4, 4))), "no rigid motion"),
@@ -79,6 +78,28 @@ def test_a_bad_frame_is_an_error_that_names_it(case):
         observe(frame, 7)
     assert "frame f12" in str(caught.value)
     assert "object 7" in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"T_world_camera": np.eye(4)[:3]}, r"T_world_camera has shape \(3, 4\)"),
+        ({"depth": np.full((48, 64), "far")}, "depth is an array of"),
+        ({"depth": torch.zeros(48, 64, requires_grad=True)}, "depth is no array of numbers"),
+        ({"instances": np.zeros((48, 64))}, "instances is an array of float64; its entries must be whole"),
+        ({"color": np.zeros((48, 64))}, "color is an array of float64"),
+        ({"intrinsics": None}, "intrinsics must be of type Intrinsics, not NoneType"),
+    ],
+)
+def test_what_is_no_image_or_pose_is_refused_with_the_frame_s_name(changes, message):
+    with pytest.raises(ObservationError, match=f"frame f12: {message}"):
+        flat_frame(**changes)
+
+
+@pytest.mark.parametrize("focal", [0.0, -80.0, np.nan, "wide", None])
+def test_a_camera_without_a_focal_length_is_refused(focal):
+    with pytest.raises(ObservationError, match=r"Intrinsics\.fx must be"):
+        replace(CAMERA, fx=focal)
 
 
 def test_an_object_that_no_pixel_names_is_an_error():
