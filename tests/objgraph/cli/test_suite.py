@@ -116,6 +116,21 @@ def test_parts_of_a_page_can_be_made_one_by_one(tmp_path):
     assert "--of-icl" not in page
 
 
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"rows": 3}, {"rows": [3]}, {"rows": [{"contender": "graph", "pose_rate": "x"}]}, {"tables": [{}]}, {"seed": None},
+        {"tables": [{"title": "x", "header": [], "sections": [[[3]]], "caption": "", "words": 1}]}, {"rows_made_by": None},
+        {"priors": {"chair": 1}}, {"command": []},
+    ],
+)  # fmt: skip
+def test_figures_of_other_values_are_named(tmp_path, change):
+    put(tmp_path, "hard-families", document(**change))
+    with pytest.raises(EvaluationError, match=r"figures\.json is damaged .* delete it"):
+        render("docs", tmp_path, tmp_path / "docs")
+    assert not (tmp_path / "docs").exists()
+
+
 def test_methods_are_set_against_the_graph_from_their_own_start():
     names = ["start", "graph", "ours", "graph@own", "ours@own"]
     assert against(names) == [

@@ -208,6 +208,8 @@ def test_masks_of_16_bits(folder):
 
 
 def test_up_is_made_a_unit_vector(folder):
+    edit(folder / "instances.json", lambda c: c.update(up_world=[0, 0, 1e300]))
+    np.testing.assert_array_equal(load(folder).up_world, [0, 0, 1])
     edit(folder / "instances.json", lambda c: c.update(up_world=[0, -2, 0]))
     np.testing.assert_array_equal(load(folder).up_world, [0, -1, 0])
 
@@ -219,6 +221,7 @@ def test_up_is_made_a_unit_vector(folder):
         (lambda c: c.update(up_world=[0, 1]), "up_world must be three numbers"),
         (lambda c: c.update(up_world=[0, 0, 0]), "up_world must be three numbers"),
         (lambda c: c.update(up_world="up"), "could not convert"),
+        (lambda c: c.update(up_world=[0, 0, float("inf")]), "up_world must be three numbers"),
         (lambda c: c.pop("instances"), "'instances' is missing"),
         (lambda c: c.update(instances={}), "names no instance"),
         (lambda c: c.update(instances=["chair"]), "items"),

@@ -110,6 +110,16 @@ def test_without_annotations_there_are_no_models(annotated, tmp_path, caplog):
             lambda e: e["aligned_models"][0]["trs"].update(rotation=[0, 0, 0, 0]),
             r"aligned model 0: malformed",
         ),
+        (lambda e: e["trs"].update(rotation=None), r"aligned model 0: malformed .*numbers"),
+        (lambda e: e["trs"].update(rotation=False), r"aligned model 0: malformed .*numbers"),
+        (
+            lambda e: e["trs"].update(translation=[0, 0, float("nan")]),
+            r"aligned model 0: malformed .*numbers",
+        ),
+        (
+            lambda e: e["aligned_models"][0].update(id_cad="../../../x"),
+            r"aligned model 0: malformed .*outside of",
+        ),
         (lambda e: e["trs"].update(scale=[1, 2, 1]), r"not the same on every axis"),
     ],
 )

@@ -16,6 +16,7 @@ from factors.code_mixture import CodeMixture
 from factors.decoder import Decoder, DecoderConfig
 from factors.errors import FactorError
 from factors.state import ObjectKeys, ObjectState
+from objgraph.cli.priors import describe
 from objgraph.errors import PriorError
 from objgraph.graph.builder import GraphConfig, ObjectBuilder
 from objgraph.priors.categories import ALIASES, LABELS, category_of
@@ -93,6 +94,50 @@ def test_wrong_code_length(prior: ShapePrior, tmp_path: Path) -> None:
         load_prior(path)
     with pytest.raises(FactorError, match="do not fit this decoder"):
         prior.decoder(torch.zeros(1, 3), torch.zeros(1, 5))
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda tensors, header: header.update(decoder=None), "in place of an object"),
+        (lambda tensors, header: header.update(decoder=[["kind", "smooth"]]), "in place of an object"),
+        (lambda tensors, header: header["decoder"].update(width=10**9), "a network of sizes"),
+        (lambda tensors, header: header["decoder"].update(width=4000, depth=4000), "more than it holds"),
+        (lambda tensors, header: header["decoder"].update(width="8"), "width must be int"),
+        (lambda tensors, header: header.update(box_misfit={"centre": "x"}), "centre must be float"),
+        (lambda tensors, header: header.update(residual_sigma=-0.01), "not positive"),
+        (lambda tensors, header: header.update(size_mean=0), "not positive"),
+        (lambda tensors, header: header.update(card=3), "no usable shape prior"),
+    ],
+)
+def test_a_header_that_cannot_be_is_named(prior: ShapePrior, tmp_path: Path, change, words: str) -> None:
+    path = tmp_path / "lamp.safetensors"
+    save_prior(prior, path)
+    rewrite(path, change)
+    with pytest.raises(PriorError, match=words) as caught:
+        load_prior(path)
+    assert str(path) in str(caught.value)
+
+
+def test_tensors_that_are_no_floats_of_numpy_are_named(prior: ShapePrior, tmp_path: Path) -> None:
+    path = tmp_path / "lamp.safetensors"
+    save_prior(prior, path)
+    with safe_open(path, framework="pt") as file:
+        header = file.metadata()
+    save_file({**load_file(path), "code_mean": torch.zeros(3, dtype=torch.bfloat16)}, path, header)
+    with pytest.raises(PriorError, match="bfloat16, a prior has floats alone"):
+        load_prior(path)
+
+
+@pytest.mark.parametrize(
+    "card",
+    [{"data": 3}, {"data": {"licences": 1}}, {"heldout": {"summary": {"count": "x"}}}, {"heldout": [1]}],
+)
+def test_a_card_that_cannot_be_listed_is_named(prior: ShapePrior, tmp_path: Path, card) -> None:
+    path = tmp_path / "lamp.safetensors"
+    save_prior(replace(prior, card=card), path)
+    with pytest.raises(PriorError, match="its card is damaged"):
+        describe(path)
 
 
 def test_what_was_measured_of_boxes_is_kept(prior: ShapePrior, tmp_path: Path) -> None:

@@ -133,6 +133,15 @@ def test_errors_beside_the_map_are_columns(saved):
         write_report(folder)
 
 
+@pytest.mark.parametrize(
+    "entry", [3, {"id": "1"}, {"id": 1, "translation_m": []}, {"id": 1, "box_iou": "0.5"}]
+)
+def test_errors_that_are_no_numbers_are_named(saved, entry):
+    (saved[1] / "evaluation.json").write_text(json.dumps({"objects": [entry]}))
+    with pytest.raises(MapError, match=r"evaluation\.json: not a readable list of errors"):
+        write_report(saved[1])
+
+
 def test_names_cannot_end_the_script_and_nothing_is_fetched(tmp_path):
     name = "</script><script>alert(1)</script>{{data}}"
     ObjectMap(name, (failed(reason=name),), UP).save(tmp_path)

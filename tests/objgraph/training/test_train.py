@@ -357,6 +357,28 @@ def test_bad_index_is_named(tmp_path: Path, content: str | None) -> None:
         read_index(tmp_path, "table")
 
 
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"group": None},
+        {"licence": 3},
+        {"kind": None},
+        {"size_m": [1, 2]},
+        {"size_m": "abc"},
+        {"size_m": [1, 0, 1]},
+        {"file": None},
+    ],
+)
+def test_an_entry_of_other_values_is_named(tmp_path: Path, change: dict) -> None:
+    names = ("file", "group", "licence", "attribution", "source_repo", "category")
+    entry = {**dict.fromkeys(names, "table"), "size_m": None}
+    (tmp_path / "index.json").write_text(json.dumps({"meshes": [entry]}))
+    assert len(read_index(tmp_path, "table")) == 1
+    (tmp_path / "index.json").write_text(json.dumps({"meshes": [entry | change]}))
+    with pytest.raises(PriorError, match=r"index\.json is no mesh index"):
+        read_index(tmp_path, "table")
+
+
 def test_any_folder_of_meshes_will_do(tmp_path: Path) -> None:
     folder = tmp_path / "lamp"
     folder.mkdir()
