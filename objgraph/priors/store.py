@@ -122,7 +122,8 @@ def load_prior_file(path: Path) -> ShapePrior:
     ]
     if not all(np.isfinite(array).all() for array in arrays):
         raise PriorError(f"{path}: a weight or statistic is not finite")
-    if min(positive := [*numbers, surface_misfit, *([] if anisotropy is None else [anisotropy])]) <= 0:
+    positive: list[float] = [*numbers, surface_misfit, *([] if anisotropy is None else [anisotropy])]
+    if min(positive) <= 0:
         raise PriorError(f"{path}: a standard deviation, size or factor is not positive: {positive}")
     decoder.requires_grad_(False).eval()
     return ShapePrior(
