@@ -101,9 +101,9 @@ class ObjectView:
         points = checks.array(
             f"{where}: points_camera", self.points_camera, (None, 3), ObservationError, finite=False
         ).astype(float)
-        sigma = checks.reals(
-            f"{where}: points_sigma", self.points_sigma, (len(points),), DEVIATIONS, ObservationError
-        )
+        sigma = checks.array(
+            f"{where}: points_sigma", self.points_sigma, (len(points),), ObservationError, finite=False
+        ).astype(float)
         object.__setattr__(self, "points_camera", points)
         object.__setattr__(self, "points_sigma", sigma)
         checks.instance(f"{where}: rays", self.rays, Rays, ObservationError)

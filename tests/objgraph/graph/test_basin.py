@@ -16,7 +16,7 @@ from objgraph.observation.sampling import SamplingConfig, observe
 from tests.objgraph.graph.graph_cases import UP, pose_error
 from tests.toys import toy_frame, toy_prior, toy_state
 
-STARTS = int(os.environ.get("BASIN", "8"))
+STARTS = int(os.environ.get("BASIN", "5"))
 DEGREES, METRES, SHARE = 20.0, 0.2, 0.2
 """Most that each axis of a start is off."""
 SAMPLING = SamplingConfig(points=100, hits=60, free=60)

@@ -7,9 +7,8 @@ import numpy as np
 import pytest
 from gtsam.symbol_shorthand import L, O, X
 
-from factors.errors import FactorError
 from factors.state import ObjectKeys
-from objgraph.errors import SolveError
+from objgraph.errors import FactorError, ObservationError, PriorError, SolveError
 from objgraph.graph.object_graph import GraphConfig, ObjectGraph
 from objgraph.graph.solve import LevenbergMarquardtConfig, SolverConfig
 from tests.objgraph.graph.graph_cases import (
@@ -66,11 +65,43 @@ def test_taken_keys_are_an_error_that_changes_nothing():
 
 
 def test_a_code_of_another_length_is_an_error_that_names_it():
-    state, objects = toy_state(), empty()
-    handle = objects.add_object(toy_prior(), replace(state, code=np.zeros(7)))
-    objects.observe(handle, views_of(state, [0.3])[0])
-    with pytest.raises(SolveError, match=r"chair 0: z0 holds a code of length 7, but the decoder takes 4"):
-        objects.optimize(SHORT)
+    objects = empty()
+    with pytest.raises(FactorError, match=r"chair 0: a code of length 7, its decoder takes 4"):
+        objects.add_object(toy_prior(), replace(toy_state(), code=np.zeros(7)))
+    assert objects.values.size() == objects.graph.size() == 0
+
+
+@pytest.mark.parametrize(
+    ("changes", "error", "message"),
+    [
+        ({"prior": 3}, PriorError, "prior .* must be of type ShapePrior, not int"),
+        ({"start": "here"}, ObservationError, "chair 0: start .* must be a list or a tuple of ObjectView"),
+        ({"keys": (1, 2, 3)}, FactorError, "chair 0: keys must be of type ObjectKeys"),
+        ({"up_world": np.zeros(3)}, ObservationError, "up_world must have a direction"),
+        ({"box": object()}, ObservationError, "box must be of type DetectedBox"),
+    ],
+)
+def test_what_cannot_be_added_is_named_and_leaves_nothing(changes, error, message):
+    objects = empty()
+    with pytest.raises(error, match=message):
+        objects.add_object(**({"prior": toy_prior(), "start": toy_state()} | changes))
+    assert objects.values.size() == objects.graph.size() == len(objects.objects) == 0
+
+
+def test_an_object_of_another_graph_is_named():
+    objects, other = empty(), empty()
+    handle = other.add_object(toy_prior(), toy_state())
+    objects.add_object(toy_prior(), toy_state())
+    for ask in (objects.state, objects.marginals, objects.stand_on_floor, objects.remove_object):
+        with pytest.raises(FactorError, match="chair 0 is not in this graph"):
+            ask(handle)
+
+
+def test_a_variable_that_is_asked_for_twice_is_named():
+    objects = empty()
+    handle = objects.add_object(toy_prior(), toy_state())
+    with pytest.raises(SolveError, match="o0 is asked for twice"):
+        objects.joint_marginals(handle, [handle.keys.pose])
 
 
 def test_a_camera_without_a_value_is_an_error_that_names_it():
