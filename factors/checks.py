@@ -24,7 +24,7 @@ class Range(NamedTuple):
     most: float = math.inf
     open: bool = False
 
-    def holds(self, value: float) -> bool:
+    def holds(self, value: Any) -> bool:
         return self.least <= value <= self.most and not (self.open and value == self.least)
 
     def __str__(self) -> str:
@@ -207,8 +207,7 @@ def _setting(what: str, value: Any, hint: Any, allowed: Range, error: Error) -> 
         if not isinstance(value, str) or value not in get_args(hint):
             raise error(f"{what} must be one of {', '.join(map(str, get_args(hint)))}, not {_shown(value)}")
     elif get_origin(hint) is tuple:
-        instance(what, value, tuple, error)
-        for i, each in enumerate(value):
+        for i, each in enumerate(instance(what, value, tuple, error)):
             _setting(f"{what}[{i}]", each, get_args(hint)[0], allowed, error)
     elif isinstance(hint, type) and hint.__module__ != "jaxtyping":
         instance(what, bool(value) if isinstance(value, np.bool_) else value, hint, error)

@@ -5,6 +5,7 @@ GRADIENTS=250 tries so many states of each kind; without it a few, the same ever
 
 import os
 from collections.abc import Callable
+from typing import Any
 
 import gtsam
 import numpy as np
@@ -53,7 +54,8 @@ SEEN = [*SURFACES, *RENDERERS]
 
 def drawn_state(rng: np.random.Generator) -> ObjectState:
     """Of any rotation, next to none and to half a turn as well."""
-    return random_state(rng, rng.choice([None, None, 1e-7, np.pi - 1e-7]))
+    angles = (None, None, 1e-7, np.pi - 1e-7)
+    return random_state(rng, angles[rng.integers(len(angles))])
 
 
 def moved(values: gtsam.Values, dims: dict[int, int], delta: np.ndarray) -> gtsam.Values:
@@ -118,7 +120,7 @@ def graph_of(factor) -> gtsam.NonlinearFactorGraph:
     return graph
 
 
-def seen_problem(kind: str, camera: str, rng: np.random.Generator):
+def seen_problem(kind: str, camera: str, rng: np.random.Generator) -> tuple[Any, gtsam.Values]:
     """A factor of one view, frozen, and values that have since moved away a little."""
     state, T_world_camera, values = drawn_state(rng), random_camera(rng), gtsam.Values()
     body_T_camera = BODY_T_CAMERA if camera == "on a body" else None
@@ -193,7 +195,7 @@ def floor_factor(rng: np.random.Generator, state: ObjectState, stands: float | N
     return FloorFactor(KEYS, DECODER, up, height, stands=stands, prior_sigma=0.02)
 
 
-def own_factor(kind: str, rng: np.random.Generator, state: ObjectState):
+def own_factor(kind: str, rng: np.random.Generator, state: ObjectState) -> Any:
     """A factor on an object's variables alone."""
     root = rng.normal(size=(CODE_LENGTH, CODE_LENGTH))
     near = state.retract(0.2 * rng.normal(size=9 + CODE_LENGTH))
