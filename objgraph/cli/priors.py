@@ -2,6 +2,7 @@
 
 import json
 import logging
+import os
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -88,7 +89,7 @@ def list_priors(paths: Sequence[Path] = ()) -> list[PriorEntry]:
     """
     entries = [describe(path, shipped=True) for path in sorted(WEIGHTS.glob("*.safetensors"))]
     for path in paths:
-        if not path.is_dir():
+        if not os.path.isdir(path):  # unlike Path's it bears a name that no file system takes
             entries.append(describe(path))
             continue
         for file in sorted(path.glob("*.safetensors")):

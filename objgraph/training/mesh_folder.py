@@ -40,6 +40,8 @@ def choose_meshes(
             name have meshes of one name.
         PriorError: an index is damaged, none has a mesh of the category, or the extra `train` is not installed.
     """
+    if not folders:
+        raise EvaluationError("no folder of meshes is given: name one")
     require_libraries()
     parts, missing = [], []
     for folder in folders:

@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from factors.base import Annealing
-from factors.errors import FactorError
+from factors.errors import FactorError, NotFiniteError
 from factors.floor import FloorFactor, camera_from_pose
 from factors.state import CAMERA_DOF, POSE_DOF, ObjectKeys, ObjectState
 from tests.factors.conftest import SphereDecoder, assert_gtsam_has, make_decoder, random_state
@@ -203,3 +203,12 @@ def test_what_is_far_above_the_floor_is_let_go():
 def test_a_floor_that_is_none_is_refused(up, floor):
     with pytest.raises(FactorError, match="floor"):
         FloorFactor(KEYS, make_decoder(), np.array(up), floor)
+
+
+def test_of_what_is_large_the_rays_are_farther_apart_and_no_size_without_end_is_asked_of():
+    state = random_state(np.random.default_rng(0), 0.3)
+    factor = FloorFactor(KEYS, make_decoder(), UP, 0.0)
+    factor.refresh(values_of(ObjectState(state.T_world_object, np.full(3, np.log(1e3)), state.code)))
+    assert len(factor._rays.depth) < 20_000
+    with pytest.raises(NotFiniteError, match="s0 holds a scale without end"):
+        factor.refresh(values_of(ObjectState(state.T_world_object, np.full(3, 800.0), state.code)))

@@ -4,10 +4,12 @@ import json
 
 import numpy as np
 import pytest
+import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
 from objgraph.errors import MapError
+from objgraph.maps.mapped_object import MappedObject
 from objgraph.maps.object_map import ObjectMap
 from objgraph.maps.other_estimate import OtherEstimate
 from tests.objgraph.maps.map_cases import UP, failed, mapped, other
@@ -144,3 +146,24 @@ def test_a_mapped_object_gives_its_state_and_its_labelled_covariance():
         _ = mapped(4, joint_covariance=None).uncertainty
     with pytest.raises(MapError, match=r"object 9 \(table\) is not mapped: seen in 12 pixels"):
         _ = failed().state
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (
+            lambda: ObjectMap("room", ("chair",), UP),
+            r"map of room: objects\[0\] must be of type MappedObject",
+        ),
+        (lambda: ObjectMap("room", None, UP), "map of room: objects must be a list"),
+        (lambda: ObjectMap("room", (), "up"), "map of room: up_world"),
+        (lambda: ObjectMap(7, (), UP), "the scene of a map must be of type str"),
+        (lambda: ObjectMap.load(7), "must be a path"),
+        (lambda: mapped(1, seconds_by_stage=None), "seconds_by_stage a dictionary"),
+        (lambda: MappedObject(1, "chair", "failed", "why", views=7), "views must be a list"),
+        (lambda: mapped(1, scale=torch.ones(3, requires_grad=True)), "scale is no array of numbers"),
+    ],
+)
+def test_what_is_no_part_of_a_map_is_named(make, message):
+    with pytest.raises(MapError, match=message):
+        make()

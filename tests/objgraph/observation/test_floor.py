@@ -98,3 +98,11 @@ def test_the_real_sequence(shared_data):
     scan = load_scan("sevenscenes", shared_data / "sevenscenes", stride=16)
     # the plane that was fitted by hand to the fused cloud: up . x + 1.52677 = 0
     assert estimate_floor(_cloud(scan), scan.up_world) == pytest.approx(-1.52677, abs=0.015)
+
+
+def test_a_point_at_the_other_end_of_the_world_changes_nothing():
+    rng = np.random.default_rng(0)
+    points = np.column_stack([rng.uniform(-2, 2, (4000, 2)), 0.005 * rng.normal(size=4000)])
+    up = np.array([0.0, 0.0, 1.0])
+    astray = np.vstack([points, [[0.0, 0.0, 4e7], [0.0, 0.0, -4e7]]])
+    assert estimate_floor(astray, up) == estimate_floor(points, up) is not None

@@ -278,3 +278,8 @@ def test_what_no_direction_sees_is_not_measured():
     top, bottom = points[200:, 1] > 0.1999, points[200:, 1] < -0.1999
     assert seen[top].all()
     assert not seen[bottom].any()
+
+
+def test_no_folder_of_meshes_is_said_so():
+    with pytest.raises(EvaluationError, match="no folder of meshes is given"):
+        choose_meshes([], "chair", box_prior())

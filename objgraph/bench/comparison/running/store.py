@@ -4,6 +4,7 @@ import fcntl
 import hashlib
 import json
 import logging
+import os
 from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import Field, asdict
 from pathlib import Path
