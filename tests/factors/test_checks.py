@@ -1,7 +1,7 @@
 """What a caller gives is taken cleaned, or refused by a typed error that names it."""
 
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Any, Literal
 
 import gtsam
 import numpy as np
@@ -18,6 +18,11 @@ from factors.state import ObjectKeys, ObjectState
 from factors.weighting import Weighting
 
 KEYS = ObjectKeys.numbered(0)
+
+
+def other(value: Any) -> Any:
+    """Of another type than is declared."""
+    return value
 
 
 @dataclass(frozen=True)
@@ -100,12 +105,12 @@ def test_arrays_of_any_layout_and_tensors_are_taken():
         (lambda: code_prior(KEYS, np.zeros(2), np.eye(3)), "covariance has shape"),
         (lambda: scale_prior(KEYS, 0.0, 0.0, 0.1), "size_sigma must be"),
         (lambda: upright_prior(KEYS, np.zeros(3), 0.1), "up_world must have a direction"),
-        (lambda: placed_prior(KEYS, "here", 0.1, 0.1, 0.1), "T_world_object must be of type Pose3"),
-        (lambda: CodeMixture([0.5, 0.5], [0.0, 1.0], [1.0, 1.0]), "a mixture's mean has shape"),
-        (lambda: Weighting("information", "all"), "a weighting's amount"),
-        (lambda: Weighting("shares"), "Weighting.kind must be one of"),
+        (lambda: placed_prior(KEYS, other("here"), 0.1, 0.1, 0.1), "T_world_object must be of type Pose3"),
+        (lambda: CodeMixture(*other(([0.5, 0.5], [0.0, 1.0], [1.0, 1.0]))), "a mixture's mean has shape"),
+        (lambda: Weighting("information", other("all")), "a weighting's amount"),
+        (lambda: Weighting(other("shares")), "Weighting.kind must be one of"),
         (lambda: RaySampling(cells=2**31), "RaySampling.cells must be at least 2 and at most 500"),
-        (lambda: FullDistribution("none"), "FullDistribution.correlation must be one of"),
+        (lambda: FullDistribution(other("none")), "FullDistribution.correlation must be one of"),
         (lambda: ObjectKeys(1, 1, 2), "three different ones"),
         (lambda: ObjectKeys(1, 2, -3), "ObjectKeys.code must be a key"),
         (lambda: ObjectState(gtsam.Pose3(), np.zeros(2), np.zeros(4)), "ObjectState.log_scale has shape"),

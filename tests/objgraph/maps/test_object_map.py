@@ -1,6 +1,7 @@
 """The map and its objects: what they refuse."""
 
 import json
+from typing import Any
 
 import numpy as np
 import pytest
@@ -148,19 +149,24 @@ def test_a_mapped_object_gives_its_state_and_its_labelled_covariance():
         _ = failed().state
 
 
+def typed(value: Any) -> Any:
+    """Of another type than is declared."""
+    return value
+
+
 @pytest.mark.parametrize(
     ("make", "message"),
     [
         (
-            lambda: ObjectMap("room", ("chair",), UP),
+            lambda: ObjectMap("room", typed(("chair",)), UP),
             r"map of room: objects\[0\] must be of type MappedObject",
         ),
-        (lambda: ObjectMap("room", None, UP), "map of room: objects must be a list"),
-        (lambda: ObjectMap("room", (), "up"), "map of room: up_world"),
-        (lambda: ObjectMap(7, (), UP), "the scene of a map must be of type str"),
-        (lambda: ObjectMap.load(7), "must be a path"),
+        (lambda: ObjectMap("room", typed(None), UP), "map of room: objects must be a list"),
+        (lambda: ObjectMap("room", (), typed("up")), "map of room: up_world"),
+        (lambda: ObjectMap(typed(7), (), UP), "the scene of a map must be of type str"),
+        (lambda: ObjectMap.load(typed(7)), "must be a path"),
         (lambda: mapped(1, seconds_by_stage=None), "seconds_by_stage a dictionary"),
-        (lambda: MappedObject(1, "chair", "failed", "why", views=7), "views must be a list"),
+        (lambda: MappedObject(1, "chair", "failed", "why", views=typed(7)), "views must be a list"),
         (lambda: mapped(1, scale=torch.ones(3, requires_grad=True)), "scale is no array of numbers"),
     ],
 )
