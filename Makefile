@@ -4,7 +4,7 @@ BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 WORKERS ?= 2
 
-.PHONY: demo test fuzz oldest rehearsal lint types docs clean
+.PHONY: demo test fuzz kills long-run oldest rehearsal lint types docs clean
 
 demo: $(STAMP)
 	$(BIN)/objgraph map --dataset sample --out out/demo
@@ -17,6 +17,16 @@ test: $(STAMP) lint types docs
 FUZZ ?= 1000
 fuzz: $(STAMP)
 	FUZZ=$(FUZZ) OMP_NUM_THREADS=1 $(BIN)/python -m pytest -q -n $(WORKERS) tests/fuzz
+
+# KILLS: of each command; full disks are tried as well
+KILLS ?= 50
+kills: $(STAMP)
+	KILLS=$(KILLS) OMP_NUM_THREADS=1 $(BIN)/python -m pytest -q -n $(WORKERS) tests/reliability/test_kills.py tests/reliability/test_disk.py
+
+# UPDATES: of an incremental map, and a tenth as many maps in one process
+UPDATES ?= 10000
+long-run: $(STAMP)
+	UPDATES=$(UPDATES) OMP_NUM_THREADS=1 $(BIN)/python -m pytest -q tests/reliability/test_long.py
 
 # the tests with the oldest versions that pyproject.toml admits
 oldest:

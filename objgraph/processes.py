@@ -3,7 +3,7 @@
 import os
 import signal
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
@@ -15,15 +15,20 @@ from objgraph.errors import ObjectGraphError
 
 @contextmanager
 def process_pool(
-    jobs: int, error: type[ObjectGraphError], start: Literal["spawn", "fork"] = "spawn"
+    jobs: int,
+    error: type[ObjectGraphError],
+    start: Literal["spawn", "fork"] = "spawn",
+    begin: Callable[[], None] | None = None,
 ) -> Iterator[ProcessPoolExecutor]:
     """A pool of single-threaded processes; stopped (by Ctrl-C, or by an error) it does not wait for what is in progress.
+
+    `begin` is called first in each; what it holds is not sent to forked ones.
 
     Raises:
         error: a process died.
     """
     others = set(active_children())
-    pool = ProcessPoolExecutor(jobs, get_context(start), begin_worker)
+    pool = ProcessPoolExecutor(jobs, get_context(start), _begin, (begin,))
     try:
         yield pool
     except BaseException as problem:
@@ -37,6 +42,12 @@ def process_pool(
         raise
     finally:
         pool.shutdown(cancel_futures=True)
+
+
+def _begin(further: Callable[[], None] | None) -> None:
+    begin_worker()
+    if further is not None:
+        further()
 
 
 def begin_worker(threads: int = 1) -> None:

@@ -108,8 +108,8 @@ def draw_all(
     """
     work = partial(_drawn, prior=prior, each=each, config=config, seed=seed, cache=cache)
     parts: list[dict[str, np.ndarray]] = []
-    with process_pool(jobs, PriorError, "fork") as pool:
-        for i, part in enumerate(pool.map(work, enumerate(shapes), chunksize=4)):
+    with process_pool(jobs, PriorError, "fork", partial(_inherit, work, shapes)) as pool:
+        for i, part in enumerate(pool.map(_inherited, range(len(shapes)), chunksize=4)):
             if part:
                 count = len(part["views"])
                 parts.append({**part, "shape": np.full(count, i)})
@@ -158,6 +158,19 @@ def _seen_turned(place: Float[np.ndarray, "7"], quarters: int) -> Float[np.ndarr
     for _ in range(quarters):
         x, z, sx, sz = -z, x, sz, sx
     return np.array([heading, x, y, z, sx, sy, sz])
+
+
+_work: Callable[[int], dict[str, np.ndarray]]
+"""Of a forked process: the network need not be sent to it."""
+
+
+def _inherit(work: Callable[[tuple[int, Shape]], dict[str, np.ndarray]], shapes: Sequence[Shape]) -> None:
+    global _work
+    _work = lambda number: work((number, shapes[number]))  # noqa: E731
+
+
+def _inherited(number: int) -> dict[str, np.ndarray]:
+    return _work(number)
 
 
 def _drawn(

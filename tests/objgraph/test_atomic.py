@@ -29,12 +29,14 @@ def test_a_file_replaces_another_and_folders_above_are_made(tmp_path):
 def test_what_fails_leaves_the_old_file_alone(tmp_path, problem):
     path = tmp_path / "b.txt"
     write_file(path, b"old")
-    with (
-        pytest.raises(MapError if isinstance(problem, OSError) else KeyboardInterrupt) as told,
-        new_file(path, MapError) as unfinished,
-    ):
-        unfinished.write_bytes(b"half")
-        raise problem
+
+    def fail() -> None:
+        with new_file(path, MapError) as unfinished:
+            unfinished.write_bytes(b"half")
+            raise problem
+
+    with pytest.raises(MapError if isinstance(problem, OSError) else KeyboardInterrupt) as told:
+        fail()
     if isinstance(problem, OSError):
         assert str(told.value) == f"{path}: cannot be written ([Errno 28] No space left on device)"
     assert path.read_bytes() == b"old"

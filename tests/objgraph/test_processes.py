@@ -20,13 +20,21 @@ def _work(what: str) -> str:
 
 @pytest.mark.parametrize("start", ["spawn", "fork"])
 def test_a_process_that_dies_is_told_in_a_line(start):
-    with pytest.raises(PriorError, match="a process died"), process_pool(1, PriorError, start) as pool:
-        list(pool.map(_work, ["a", "die", "b"]))
+    def work() -> None:
+        with process_pool(1, PriorError, start) as pool:
+            list(pool.map(_work, ["a", "die", "b"]))
+
+    with pytest.raises(PriorError, match="a process died"):
+        work()
     assert not active_children()
 
 
 def test_a_mistake_does_not_wait_for_what_is_in_progress():
-    with pytest.raises(ValueError, match="mistake"), process_pool(1, PriorError, "fork") as pool:
-        pool.submit(_work, "wait")
-        raise ValueError("mistake")
+    def fail() -> None:
+        with process_pool(1, PriorError, "fork") as pool:
+            pool.submit(_work, "wait")
+            raise ValueError("mistake")
+
+    with pytest.raises(ValueError, match="mistake"):
+        fail()
     assert not active_children()

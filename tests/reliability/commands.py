@@ -62,7 +62,7 @@ def write_inputs(given: Path) -> None:
     whole = scannet.load(generate_sample(given / "sample", _SAMPLE) / "scannet")
     chairs = [each for each in whole.instances if each.category == "chair"]
     pixels = [
-        sum(np.count_nonzero(whole.frames[i].instances == each.id) for i in range(6)) for each in chairs
+        sum(int(np.count_nonzero(whole.frames[i].instances == each.id)) for i in range(6)) for each in chairs
     ]
     write_plain_folder(
         given / "scan", Scan(whole.name, whole.frames, (chairs[int(np.argmax(pixels))],), whole.up_world)

@@ -13,7 +13,7 @@ from objgraph.slam.incremental.object_graph import IncrementalObjectGraph
 from tests.objgraph.slam.test_incremental import QUICK, UP, chair_at
 from tests.toys import look_at, toy_picture, toy_prior
 
-ROUND = 24
+ROUND = 12
 """Frames of a round."""
 _CHAIRS = ((-0.6, 0.0, 0.4, (0.6, -0.5, 0.3, 0.2)), (0.6, 0.2, 2.2, (-0.4, 0.5, -0.3, 0.1)))
 

@@ -84,6 +84,8 @@ class StagedSmoother:
         for number, slot in zip(self._handed, slots, strict=True):
             self._slots[number] = (int(slot), self._slots[number][1])
         self._handed = []
+        if not isinstance(self._owner, gtsam.ISAM2):  # a fixed lag has taken some out
+            self._slots = {number: slot for number, slot in self._slots.items() if self.holds(number)}
 
     def check_accepted(self) -> None:
         """Raises SolveError where the caller has not told the slots of the last step's factors."""

@@ -138,7 +138,8 @@ class IncrementalSystem:
         quadratics = linearize(observations, at, self.slope)
         numbers = self.commit([*factors, *quadratics], values, newest=camera)
         self.cameras[camera] = name
-        self._others += factors
+        if self.config.lag is None:  # for `batch`, which there is none of with a lag
+            self._others += factors
         _entered(observations, quadratics, numbers[len(factors) :], at)
         for entry, observation in seen:
             entry.observations.append(observation)
