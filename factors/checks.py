@@ -88,7 +88,7 @@ def array(
     of its types."""
     try:
         found = np.asarray(value)
-    except (TypeError, ValueError, RuntimeError) as problem:
+    except (TypeError, ValueError, OverflowError, RuntimeError) as problem:
         raise error(f"{what} is no array of numbers ({str(problem).splitlines()[0]})") from problem
     if found.dtype.kind not in kinds:
         names = {"f": "real", "i": "whole", "u": "whole", "b": "true or false"}

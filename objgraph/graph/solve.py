@@ -57,7 +57,9 @@ class SolverConfig:
 
     def __post_init__(self) -> None:
         """Raises ConfigError where a number is not one of its kind, or there is no slope."""
-        checks.settings(self, ConfigError, slopes=SLOPES, rounds=checks.Range(0, 1000))
+        checks.settings(
+            self, ConfigError, slopes=SLOPES, rounds=checks.Range(0, 1000), relative_tolerance=checks.ANY
+        )
         if not self.slopes:
             raise ConfigError("SolverConfig.slopes is empty: at least one is due")
 

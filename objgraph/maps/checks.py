@@ -14,7 +14,12 @@ def array(where: str, value: Any, shape: tuple[int | None, ...], dtype: type) ->
         return None
     try:
         numbers = np.array(value, float)
-    except (TypeError, ValueError, RuntimeError) as error:  # the last of a tensor with a gradient
+    except (
+        TypeError,
+        ValueError,
+        OverflowError,
+        RuntimeError,
+    ) as error:  # the last of a tensor with a gradient
         raise MapError(f"{where} is no array of numbers ({error})") from error
     fits = len(shape) == numbers.ndim
     if not fits or any(want not in (None, n) for want, n in zip(shape, numbers.shape, strict=True)):

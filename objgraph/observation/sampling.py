@@ -24,7 +24,7 @@ from objgraph.observation.masks import (
 )
 
 _SOME = checks.Range(1)
-_WIDTHS = checks.Range(1e-3, 1e4)
+_WIDTHS = checks.Range(1e-6, 1e4)
 
 
 @dataclass(frozen=True)

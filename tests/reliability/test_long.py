@@ -19,6 +19,8 @@ UPDATES = int(os.environ.get("UPDATES", "0"))
 _LAG = 10.0
 _FEW = 2 * ROUND
 """Of updates in every test run: no memory is judged then."""
+_SETTLED = 2000
+"""Updates after which caches are full: the network's library keeps code for a thousand shapes of its inputs."""
 _GROWTH_KB = 100.0
 """Memory that an update or a map may take for good: a view alone takes more."""
 
@@ -46,6 +48,7 @@ def test_a_map_with_a_lag_holds_no_more_after_many_updates(record_property):
         record_property(
             "s an update, first and last tenth", [np.mean(seconds[:tenth]), np.mean(seconds[-tenth:])]
         )
+    if UPDATES >= _SETTLED:
         assert slope(memory, ROUND) < _GROWTH_KB
 
 
@@ -61,6 +64,7 @@ def test_many_maps_in_one_process_hold_no_more(given: Path, record_property):
     if UPDATES:
         record_property("maps", len(memory))
         record_property("kB a map", round(slope(memory, 1), 2))
+    if UPDATES >= _SETTLED:
         assert slope(memory, 1) < _GROWTH_KB
 
 

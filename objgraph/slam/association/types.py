@@ -66,7 +66,7 @@ class AssociationConfig:
         some, share = checks.Range(1, 10**6), checks.Range(0, 1)
         checks.settings(
             self, ConfigError, candidates=some, points=some, rays=some, steps=checks.Range(1, 1000),
-            observable=checks.Range(1e-6, 1), probability=checks.Range(1e-6, 1 - 1e-12), unmodelled=DEVIATIONS,
+            observable=checks.Range(1e-6, 1), probability=checks.Range(1e-6, 1 - 1e-12),
             distance=checks.POSITIVE, overlap=share, contradicted=share, spacing=DEVIATIONS, start_points=some,
             merge_iou=share, merge_overlap=share, merge_points=some,
         )  # fmt: skip

@@ -93,7 +93,7 @@ def test_options_that_do_not_go_together(arguments, message, capsys):
 def test_a_picture_that_cannot_be_written_is_one_line(healthy, tmp_path, capsys):
     (tmp_path / "file").write_text(json.dumps({}))
     assert main(["doctor", "--root", str(healthy), "--out", str(tmp_path / "file")]) == 1
-    assert "doctor.png: the picture cannot be written" in capsys.readouterr().err
+    assert "doctor.png: cannot be written" in capsys.readouterr().err
 
 
 def test_kitti_scans_are_looked_at(shared_data, capsys):

@@ -294,7 +294,10 @@ def test_a_truncated_image_is_named_and_the_others_are_read(folder):
     path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
     finding = the_finding(folder)
     assert finding.where == "frame 3"
-    assert f"{path}: no readable image (truncated or damaged); download or export it again" in finding.what
+    assert (
+        f"{path}: no readable image (PNG or JPEG; truncated or damaged); download or export it again"
+        in finding.what
+    )
     rows = dict(examined(folder).sections[0].rows)
     assert rows["frames"] == f"{FRAMES - 1} of {FRAMES} can be read"
 

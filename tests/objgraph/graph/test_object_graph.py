@@ -131,7 +131,8 @@ def test_connected_parts():
 def test_one_part_s_failure_leaves_the_others_solved():
     state, objects = toy_state(), empty()
     good = objects.add_object(toy_prior(), state.retract(OFF), up_world=UP, name="good")
-    bad = objects.add_object(toy_prior(), replace(state, code=np.full(4, np.nan)), up_world=UP, name="bad")
+    bad = objects.add_object(toy_prior(), state, up_world=UP, name="bad")
+    objects.values.update(bad.keys.code, np.full(4, np.nan))
     for handle in (good, bad):
         objects.observe(handle, views_of(state)[0])
     with pytest.raises(SolveError, match="bad:") as caught:

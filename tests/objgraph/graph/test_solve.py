@@ -307,7 +307,7 @@ def test_what_is_frozen_is_that_of_the_values(seed):
     rng = np.random.default_rng(seed)
     state = ObjectState.from_values(problem.values, ObjectKeys.numbered(0))
     state.retract(0.05 * rng.normal(size=13)).update(problem.values, ObjectKeys.numbered(0))
-    solve([problem], SolverConfig(slopes=(200.0,), rounds=4, relative_tolerance=-np.inf))
+    solve([problem], SolverConfig(slopes=(200.0,), rounds=4, relative_tolerance=-1e9))
     assert problem.graph.error(problem.values) == pytest.approx(problem.cost, rel=1e-9)
     problem.refresh(200.0)
     assert problem.graph.error(problem.values) == pytest.approx(problem.cost, rel=1e-9)
@@ -372,7 +372,7 @@ def test_rounds_stop_where_nothing_is_gained():
 def test_a_worse_last_round_is_not_kept():
     """A refresh may raise the cost; what is returned is the best of the last slope, not the last."""
     problem = Recorded.of(chair_problem())
-    solve([problem], SolverConfig(slopes=(200.0,), rounds=5, relative_tolerance=-np.inf))
+    solve([problem], SolverConfig(slopes=(200.0,), rounds=5, relative_tolerance=-1e9))
     *costs, settled = [cost for _, cost in problem.refreshed]
     assert len(costs) > 3
     assert settled == pytest.approx(min(costs), rel=1e-9)

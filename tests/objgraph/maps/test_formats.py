@@ -35,7 +35,7 @@ def test_there_is_a_map_of_the_present_format():
     assert (SAVED / f"format_{VERSION}").is_dir()
 
 
-@pytest.mark.parametrize("version", [VERSION + 1, 10**30])
+@pytest.mark.parametrize("version", [VERSION + 1, 10**15])
 def test_a_newer_format_is_refused_by_name(version, tmp_path):
     folder = Path(shutil.copytree(SAVED / f"format_{VERSION}", tmp_path / "map"))
     document = json.loads((folder / "map.json").read_text())

@@ -206,6 +206,7 @@ def test_the_errors_are_a_file_beside_the_map(toy_map, tmp_path):
     assert document["scene"] == "two chairs"
     assert {row.pop("id"): row for row in document["objects"]} == errors.objects
     assert [path.name for path in tmp_path.iterdir()] == ["evaluation.json"]
+    (tmp_path / "absent").write_text("a file in the folder's place")
     with pytest.raises(EvaluationError, match=r"absent/evaluation\.json"):
         errors.save(tmp_path / "absent")
 

@@ -101,8 +101,11 @@ def test_wrong_code_length(prior: ShapePrior, tmp_path: Path) -> None:
     [
         (lambda tensors, header: header.update(decoder=None), "in place of an object"),
         (lambda tensors, header: header.update(decoder=[["kind", "smooth"]]), "in place of an object"),
-        (lambda tensors, header: header["decoder"].update(width=10**9), "a network of sizes"),
-        (lambda tensors, header: header["decoder"].update(width=4000, depth=4000), "more than it holds"),
+        (
+            lambda tensors, header: header["decoder"].update(width=10**9),
+            "width must be at least 1 and at most",
+        ),
+        (lambda tensors, header: header["decoder"].update(width=4000, depth=64), "more than it holds"),
         (lambda tensors, header: header["decoder"].update(width="8"), "width must be int"),
         (lambda tensors, header: header.update(box_misfit={"centre": "x"}), "centre must be float"),
         (lambda tensors, header: header.update(residual_sigma=-0.01), "not positive"),
