@@ -183,6 +183,10 @@ def intrinsics_from(
     fx, fy, cx, cy = matrix[0, 0], matrix[1, 1], matrix[0, 2], matrix[1, 2]
     if not np.isfinite([fx, fy, cx, cy]).all() or min(fx, fy) <= 0:
         raise DatasetError(f"{origin}: no camera matrix (fx {fx}, fy {fy}, cx {cx}, cy {cy})")
+    if size is not None and min(size) < 1:
+        raise DatasetError(
+            f"{origin}: the intrinsics are for images of {size[0]}x{size[1]} pixels: there are none"
+        )
     if size is not None and size != (width, height):
         sx, sy = width / size[0], height / size[1]
         if abs(sx / sy - 1) > 0.02:

@@ -168,7 +168,8 @@ def _pose(matrix: Any, origin: str) -> Float[np.ndarray, "4 4"]:
         raise DatasetError(f"{origin}: transform_matrix holds no numbers ({error})") from error
     if T.shape not in ((4, 4), (3, 4)):
         raise DatasetError(f"{origin}: transform_matrix must be 4x4, camera to world")
-    return np.vstack([T[:3], [0.0, 0.0, 0.0, 1.0] if len(T) == 3 else T[3]]) @ _OPENGL
+    with np.errstate(all="ignore"):  # what is not finite is told of by `usable_poses`
+        return np.vstack([T[:3], [0.0, 0.0, 0.0, 1.0] if len(T) == 3 else T[3]]) @ _OPENGL
 
 
 def _number(value: Any, origin: str) -> float:

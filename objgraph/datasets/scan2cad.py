@@ -67,8 +67,10 @@ def load_aligned_models(annotations: Path, shapenet: Path, scene: str) -> list[A
         return []
     core = shapenet / "ShapeNetCore.v2"
     core = core if core.is_dir() else shapenet
-    models = []
-    for index, model in enumerate(entries[0].get("aligned_models", [])):
+    models, listed = [], entries[0].get("aligned_models", [])
+    if not isinstance(listed, list):
+        raise DatasetError(f"{annotations}: {scene}: aligned_models is no list; download the file again")
+    for index, model in enumerate(listed):
         origin = f"{annotations}: {scene}, aligned model {index}"
         try:
             models.append(_aligned_model(entries[0]["trs"], model, core, origin))

@@ -67,8 +67,8 @@ class ExportedRecording:
     def depth(self, name: str) -> Float[np.ndarray, "h w"]:
         path = self.folder / "depth" / f"{name}.png"
         shift = self._info.get("depthShift", self._info.get("depth_shift", _MILLIMETRES))
-        if shift <= 0:
-            raise DatasetError(f"{self.folder.name}.txt: depth shift {shift} is no number of units a metre")
+        if not 0 < shift < np.inf:
+            raise DatasetError(f"{self._info_path}: depth shift {shift} is no number of units a metre")
         return decode_depth(read_bytes(path), path, shift)
 
     def color(self, name: str, shape: tuple[int, int]) -> UInt8[np.ndarray, "h w 3"] | None:
@@ -88,18 +88,24 @@ class ExportedRecording:
 
     @cached_property
     def _info(self) -> dict[str, float]:
-        path = self.folder / f"{self.folder.name}.txt"
-        if not path.is_file():
+        if not self._info_path.is_file():
             return {}
-        text = read_bytes(path).decode("utf-8", errors="replace")
+        text = read_bytes(self._info_path).decode("utf-8", errors="replace")
         return {key: float(value) for key, value in _NUMBER_LINE.findall(text)}
+
+    @property
+    def _info_path(self) -> Path:
+        return self.folder / f"{self.folder.name}.txt"
 
     @property
     def _size(self) -> tuple[int, int] | None:
         """Width and height that the depth camera's matrix is for."""
         if not {"depthWidth", "depthHeight"} <= self._info.keys():
             return None
-        return int(self._info["depthWidth"]), int(self._info["depthHeight"])
+        try:
+            return whole(self._info["depthWidth"]), whole(self._info["depthHeight"])
+        except ValueError as error:
+            raise DatasetError(f"{self._info_path}: no size of depth images: {error}") from error
 
 
 class SensRecording:
@@ -144,7 +150,7 @@ def mask_reader(folder: Path) -> Callable[[str], tuple[bytes, str]]:
         raise DatasetError(f"{folder}: no instance masks; put instance-filt/ or {archive.name} here")
     try:
         opened = zipfile.ZipFile(archive)
-    except (OSError, zipfile.BadZipFile) as error:
+    except (OSError, ValueError, RuntimeError, zipfile.BadZipFile) as error:
         raise DatasetError(f"{archive}: no readable zip archive ({error}); download it again") from error
     return lambda name: _from_zip(opened, archive, f"instance-filt/{name}.png")
 

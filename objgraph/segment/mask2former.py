@@ -12,7 +12,7 @@ from jaxtyping import Bool, UInt8
 from safetensors import SafetensorError
 from torch import Tensor
 
-from objgraph.checked import parse_json
+from objgraph.checked import check_fields, parse_json
 from objgraph.errors import SegmentationError
 from objgraph.priors.categories import LABELS
 from objgraph.priors.registry import available_priors
@@ -48,6 +48,14 @@ class Segment:
     category: str
     score: float
     mask: Bool[np.ndarray, "h w"]
+
+
+_PREPROCESSOR = {
+    "size": dict[str, int] | None,
+    "image_mean": list[float] | None,
+    "image_std": list[float] | None,
+}
+"""What is read of a checkpoint's preprocessor_config.json."""
 
 
 class Segmenter:
@@ -173,6 +181,7 @@ def _preprocessor(folder: Path) -> dict[str, Any]:
         return {}
     try:
         content = parse_json(path.read_bytes())
-    except (OSError, ValueError) as error:
-        raise SegmentationError(f"{path}: cannot be read ({error})") from error
-    return content if isinstance(content, dict) else {}
+        check_fields(content, _PREPROCESSOR)
+    except (OSError, TypeError, ValueError) as error:
+        raise SegmentationError(f"{path}: cannot be read ({error}); get the weights anew") from error
+    return {name: value for name, value in content.items() if value is not None}

@@ -40,8 +40,10 @@ def changed(draw: st.DrawFn, document: Any) -> Any:
             del inside[key]
         elif what == "twice" and isinstance(inside, list):
             inside.append(copy.deepcopy(inside[key]))
-        elif what == "scaled" and isinstance(inside[key], (int, float)) and abs(inside[key]) < 1e300:
-            inside[key] = inside[key] * draw(st.sampled_from([-1, 0, 1e-9, 1e9, 1e300]))
+        elif what == "scaled" and isinstance(inside[key], (int, float)):
+            factor = draw(st.sampled_from([-1, 0, 1e-9, 1e9, 1e300]))
+            with suppress(OverflowError):  # of an integer that no float holds
+                inside[key] = inside[key] * factor
         else:
             inside[key] = draw(VALUES)
     return document

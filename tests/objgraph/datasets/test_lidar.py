@@ -98,7 +98,7 @@ def test_the_scan_is_the_root_or_a_folder_in_it(folder):
         (lambda c: c["boxes"][0].pop("yaw"), r"box 1: must have .*'yaw'"),
         (lambda c: c["boxes"][0].update(size=[1, 2]), "box 1: must have"),
         (lambda c: c["boxes"][1].update(size=[1, 2, 0]), "box 2: a box with edges"),
-        (lambda c: c["boxes"][1].update(centre=[1, 2, float("nan")]), "box 2: must have .*finite numbers"),
+        (lambda c: c["boxes"][1].update(centre=[1, 2, float("nan")]), "box 2: must have .* finite numbers"),
         (lambda c: c["boxes"][0].update(category=" "), "box 1: has no category"),
     ],
 )

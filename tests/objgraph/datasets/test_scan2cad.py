@@ -120,6 +120,7 @@ def test_without_annotations_there_are_no_models(annotated, tmp_path, caplog):
             lambda e: e["aligned_models"][0].update(id_cad="../../../x"),
             r"aligned model 0: malformed .*outside of",
         ),
+        (lambda e: e.update(aligned_models=None), r"scene0001_00: aligned_models is no list"),
         (lambda e: e["trs"].update(scale=[1, 2, 1]), r"not the same on every axis"),
     ],
 )

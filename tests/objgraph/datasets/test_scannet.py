@@ -199,6 +199,27 @@ def test_no_masks_or_recording_is_an_error(tmp_path):
         load_scan("scannet", tmp_path)
 
 
+def test_an_archive_whose_names_are_no_text_is_named(tmp_path):
+    folder = write_exported_scan(tmp_path, 1)
+    (folder / "instance-filt").rename(folder / "elsewhere")
+    archive = folder / f"{SCENE}_2d-instance-filt.zip"
+    with zipfile.ZipFile(archive, "w") as file:
+        file.writestr("\u00e9.png", b"")
+    archive.write_bytes(archive.read_bytes().replace("\u00e9".encode(), b"\xeb\xeb"))
+    with pytest.raises(DatasetError, match="no readable zip archive"):
+        load_scan("scannet", tmp_path)
+
+
+@pytest.mark.parametrize(
+    "line", ["depthWidth = 0", "depthWidth = 6e999", "depthWidth = 64.5", "depthShift = 1e999"]
+)
+def test_sizes_and_units_that_cannot_be_are_named(tmp_path, line):
+    folder = write_exported_scan(tmp_path, 1)
+    write_bytes(folder / f"{SCENE}.txt", f"depthWidth = 64\ndepthHeight = 48\n{line}\n".encode())
+    with pytest.raises(DatasetError, match=r"scene0001_00.*(0x48 pixels|no size|depth shift)"):
+        load_scan("scannet", tmp_path).frames[0]
+
+
 def test_depth_must_have_16_bits(tmp_path):
     folder = write_exported_scan(tmp_path, 1)
     write_bytes(folder / "depth" / "0.png", png(mask_image()))
