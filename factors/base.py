@@ -101,7 +101,12 @@ class ObservationFactor(ABC):
         return state
 
     def T_world_camera(self, values: gtsam.Values) -> gtsam.Pose3:
-        pose = values.atPose3(self.camera) if isinstance(self.camera, int) else self.camera
+        """Raises FactorError where the camera's key holds no pose."""
+        try:
+            pose = values.atPose3(self.camera) if isinstance(self.camera, int) else self.camera
+        except RuntimeError as error:
+            name = readable_key(self.keys[-1])
+            raise FactorError(f"the values hold no camera at {name}: {str(error).strip()}") from error
         return pose if self.body_T_camera is None else pose.compose(self.body_T_camera)
 
     @abstractmethod

@@ -121,8 +121,10 @@ class MappedObject:
 
     def __post_init__(self) -> None:
         label = _label(self)
-        if not isinstance(self.category, str):
-            raise _bad(self, "category", f"is no text ({self.category!r})")
+        for name in ("category", "status", "reason", "estimator"):
+            value = getattr(self, name)
+            if not isinstance(value, str) and (value is not None or name in ("category", "status")):
+                raise _bad(self, name, f"is no text ({value!r})")
         self._put("id", map_checks.whole(f"{label}: id", self.id))
         if self.id is None:
             raise _bad(self, "id", "is missing")

@@ -68,6 +68,10 @@ class Frame:
                     f"{where}: {name}", given, shape, ObservationError, kinds=kinds, finite=False
                 )
                 object.__setattr__(self, name, image)
+        if self.instances.size and self.instances.max() > IDS.most:
+            raise ObservationError(
+                f"{where}: an instance id is above {IDS.most:g}; number the objects from 1 on"
+            )
         check_sizes(where, self.intrinsics, depth=self.depth, instance=self.instances)
 
 
@@ -105,7 +109,7 @@ class Instance:
         checks.whole(f"the id of a {self.category}", self.id, IDS, ObservationError)
 
 
-IDS = checks.Range(1, 2**31)
+IDS = checks.Range(1, 2**24)
 """Of objects in masks, where 0 is none."""
 
 

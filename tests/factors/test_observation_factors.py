@@ -319,3 +319,10 @@ def test_no_cell_lies_beyond_where_its_ray_ends():
     last = frozen.cells.depth[:, -1] + 0.5 * frozen.cells.width[:, -1]
     assert (ends < frozen.cells.far).any()
     torch.testing.assert_close(last, ends)
+
+
+def test_a_camera_that_the_values_do_not_hold_is_named():
+    factor, values = problem("surface", "variable", seed=0)
+    values.erase(X(3))
+    with pytest.raises(FactorError, match="the values hold no camera at x3"):
+        factor.refresh(values)

@@ -9,6 +9,7 @@ from scipy.spatial import cKDTree
 
 from factors import checks
 from factors.rays import Rays
+from factors.weighting import PLACES
 from objgraph.errors import ConfigError, ObservationError
 from objgraph.geometry.frames import transformed
 from objgraph.observation.lidar.frame import Detection, LidarFrame
@@ -75,7 +76,7 @@ def observe_lidar(
     checks.instance(f"frame {frame.name}: detection", detection, Detection, ObservationError)
     where = f"frame {frame.name}, {detection.name}"
     ahead = frame.p_lidar[:, 2] > 0.5
-    p_lidar = frame.p_lidar[ahead & np.isfinite(frame.p_lidar).all(axis=1)]
+    p_lidar = frame.p_lidar[ahead & (np.abs(frame.p_lidar) < PLACES.most).all(axis=1)]
     T = frame.T_world_lidar
     p_world = transformed(T, p_lidar)
     if (detection.T_world_object[:3, 3] - T[:3, 3]) @ T[:3, 2] < 0.5:

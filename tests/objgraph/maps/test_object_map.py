@@ -166,6 +166,8 @@ def typed(value: Any) -> Any:
         (lambda: ObjectMap(typed(7), (), UP), "the scene of a map must be of type str"),
         (lambda: ObjectMap.load(typed(7)), "must be a path"),
         (lambda: mapped(1, seconds_by_stage=None), "seconds_by_stage a dictionary"),
+        (lambda: MappedObject(1, "chair", typed(np.zeros(0)), "why"), "status is no text"),
+        (lambda: MappedObject(1, "chair", "failed", typed(np.zeros(0))), "reason is no text"),
         (lambda: MappedObject(1, "chair", "failed", "why", views=typed(7)), "views must be a list"),
         (lambda: mapped(1, scale=torch.ones(3, requires_grad=True)), "scale is no array of numbers"),
     ],

@@ -197,3 +197,14 @@ def test_a_seed_gives_the_same_view(frame):
     assert np.array_equal(a.points_camera, b.points_camera)
     assert len(a.points_camera) == 50
     assert np.count_nonzero(~a.rays.hit) == 20
+
+
+@pytest.mark.parametrize("far", [1e300, np.inf, np.nan])
+def test_a_return_from_nowhere_changes_nothing(far):
+    car = detection_at(0.0, 0.0, 8.0)
+    points = np.vstack([wall(7.0), wall(20.0, (-4, -2), (4, 2), 0.4)])
+    views = [
+        observe_lidar(scan(np.vstack([points, astray]), car), car)
+        for astray in (np.zeros((0, 3)), [[far, 0.0, 9.0]])
+    ]
+    np.testing.assert_array_equal(views[0].points_camera, views[1].points_camera)

@@ -87,6 +87,7 @@ def test_a_bad_frame_is_an_error_that_names_it(case):
         ({"depth": np.full((48, 64), "far")}, "depth is an array of"),
         ({"depth": torch.zeros(48, 64, requires_grad=True)}, "depth is no array of numbers"),
         ({"instances": np.zeros((48, 64))}, "instances is an array of float64; its entries must be whole"),
+        ({"instances": np.full((48, 64), 10**12)}, "an instance id is above"),
         ({"color": np.zeros((48, 64))}, "color is an array of float64"),
         ({"intrinsics": None}, "intrinsics must be of type Intrinsics, not NoneType"),
     ],
