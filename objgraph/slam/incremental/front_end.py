@@ -11,7 +11,7 @@ from jaxtyping import Float
 from factors import checks
 from factors.state import ObjectKeys, ObjectState
 from objgraph.covariance.labelled import ObjectCovariance
-from objgraph.errors import ObjectGraphError, PriorError
+from objgraph.errors import ConfigError, ObjectGraphError, PriorError
 from objgraph.observation.frames import Frame, Instance
 from objgraph.observation.sampling import ObjectView, observe
 from objgraph.priors.shape_prior import ShapePrior
@@ -65,6 +65,8 @@ class FrontEnd:
         find_prior: Callable[[str], ShapePrior],
         object_keys: Callable[[int], ObjectKeys],
     ) -> None:
+        if not callable(find_prior) or not callable(object_keys):
+            raise ConfigError("find_prior and object_keys must be functions, of a category and of a number")
         self.system, self.config = system, system.config
         self._find_prior, self._object_keys = find_prior, object_keys
         self._pending: list[PendingObject] = []

@@ -54,10 +54,6 @@ class IncrementalObjectGraph(FrontEnd):
         config = checks.settings_or_default(config, IncrementalConfig, ConfigError)
         up_world = checks.direction("up_world", up_world, ObservationError)
         builder = ObjectBuilder(config.graph, up_world, floor)
-        if body_T_camera is not None:
-            checks.pose("body_T_camera", body_T_camera, ObservationError)
-        if not callable(find_prior) or not callable(object_keys):
-            raise ConfigError("find_prior and object_keys must be functions, of a category and of a number")
         self._smoother = Smoother(config.lag)
         system = IncrementalSystem(config, builder, self._smoother, body_T_camera)
         super().__init__(system, find_prior, object_keys)

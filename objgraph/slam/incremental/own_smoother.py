@@ -69,10 +69,6 @@ class ObjectFrontEnd:
         config = checks.settings_or_default(config, IncrementalConfig, ConfigError)
         up_world = checks.direction("up_world", up_world, ObservationError)
         builder = ObjectBuilder(config.graph, up_world, floor)
-        if body_T_camera is not None:
-            checks.pose("body_T_camera", body_T_camera, ObservationError)
-        if not callable(find_prior) or not callable(object_keys):
-            raise ConfigError("find_prior and object_keys must be functions, of a category and of a number")
         if not isinstance(smoother, (gtsam.ISAM2, gtsam.IncrementalFixedLagSmoother)):
             raise ConfigError(f"a {type(smoother).__name__} is no smoother: ISAM2 is one")
         self._staged = StagedSmoother(smoother)

@@ -6,9 +6,10 @@ import gtsam
 import numpy as np
 from jaxtyping import Float
 
+from factors import checks
 from factors.linearized import carried_along
 from factors.state import ObjectState
-from objgraph.errors import SolveError
+from objgraph.errors import ObservationError, SolveError
 from objgraph.graph.builder import ObjectBuilder
 from objgraph.graph.object_graph import ObjectGraph
 from objgraph.graph.solve import solve
@@ -43,6 +44,8 @@ class IncrementalSystem:
         body_T_camera: gtsam.Pose3 | None = None,
     ) -> None:
         self.config, self.builder, self.smoother = config, builder, smoother
+        if body_T_camera is not None:
+            checks.pose("body_T_camera", body_T_camera, ObservationError)
         self.body_T_camera = body_T_camera
         self.objects: list[TrackedObject] = []
         self.cameras: dict[int, str] = {}
