@@ -26,7 +26,7 @@ SPACING = 0.08
 """Metres between rays at the floor: dense enough that few legs go on unseen under it."""
 SPACINGS = checks.Range(1e-3, 1e3)
 """Metres between rays that can be told apart and counted."""
-_WIDEST = 60
+_WIDEST = 30
 """Rays to either side of the middle at most: of what is larger than any furniture they are farther apart."""
 _CORRELATION_LENGTH = 0.2
 """Metres: a floor errs together over so much, as every surface does."""

@@ -79,7 +79,7 @@ def register(name: str, loader: Loader) -> None:
 
 def scenes(dataset: str, root: Path) -> list[str]:
     """Names of the scans under `root`."""
-    return _loader(dataset).scenes(Path(root))
+    return _loader(dataset).scenes(_place(root))
 
 
 def load_scan(dataset: str, root: Path, scene: str | None = None, **options: Any) -> Scan:
@@ -95,7 +95,7 @@ def load_scan(dataset: str, root: Path, scene: str | None = None, **options: Any
         raise DatasetError(
             f"data set '{dataset}' has no option {', '.join(unknown)}; it has {', '.join(known)}"
         )
-    return load(Path(root), scene, **options)
+    return load(_place(root), scene, **options)
 
 
 def has_boxes(dataset: str) -> bool:
@@ -106,7 +106,7 @@ def has_boxes(dataset: str) -> bool:
 def load_annotated(dataset: str, root: Path, scene: str, **options: Any) -> AnnotatedScan:
     """See `load_scan`; with all ground truth that there is, for the evaluation alone."""
     scan, boxes = annotated(load_scan(dataset, root, scene, **options)), _loader(dataset).boxes
-    return scan if boxes is None else replace(scan, ground_truth=boxes(Path(root), scene))
+    return scan if boxes is None else replace(scan, ground_truth=boxes(_place(root), scene))
 
 
 def load_lidar_frame(dataset: str, root: Path, frame: str | None = None) -> LidarFrame:
@@ -117,12 +117,22 @@ def load_lidar_frame(dataset: str, root: Path, frame: str | None = None) -> Lida
     """
     if dataset == "street":
         root, frame = _street(root), frame or kitti.frames(_street(root))[0]
-    return _lidar(dataset).load_frame(Path(root), frame)
+    return _lidar(dataset).load_frame(_place(root), frame)
 
 
 def lidar_frames(dataset: str, root: Path) -> list[str]:
     """Names of the scans of a LiDAR; raises as `load_lidar_frame`."""
-    return _lidar(dataset).frames(_street(root) if dataset == "street" else Path(root))
+    return _lidar(dataset).frames(_street(root) if dataset == "street" else _place(root))
+
+
+def _place(root: Path) -> Path:
+    """The path; raises DatasetError where no file system takes its name."""
+    root = Path(root)
+    try:
+        root.exists()
+    except OSError as error:
+        raise DatasetError(f"{root}: no folder can have this name ({error.strerror})") from error
+    return root
 
 
 def _lidar(dataset: str) -> ModuleType:
@@ -134,7 +144,7 @@ def _lidar(dataset: str) -> ModuleType:
 def _street(root: Path) -> Path:
     from objgraph.synthetic.street import ensure_street  # renders, with open3d: slow to import
 
-    return ensure_street(Path(root))
+    return ensure_street(_place(root))
 
 
 def _loader(dataset: str) -> Loader:

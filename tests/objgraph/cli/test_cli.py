@@ -30,6 +30,7 @@ from objgraph.priors.store import save_prior
         (["--dataset", "scannet", "--root", "{}", "--scene", "scene9"], "scans"),
         (["--dataset", "sevenscenes", "--root", "{}", "--scan2cad", "."], "has no option scan2cad"),
         (["--dataset", "scannet", "--root", "{}/[old] [/b]"], "{}/[old] [/b]"),
+        (["--dataset", "folder", "--root", "{}/" + 400 * "9"], "no folder can have this name"),
     ],
 )
 def test_an_error_is_one_line(arguments, message, tmp_path, capsys):

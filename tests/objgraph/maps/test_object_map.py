@@ -170,6 +170,7 @@ def typed(value: Any) -> Any:
         (lambda: MappedObject(1, "chair", "failed", typed(np.zeros(0))), "reason is no text"),
         (lambda: MappedObject(1, "chair", "failed", "why", views=typed(7)), "views must be a list"),
         (lambda: mapped(1, scale=torch.ones(3, requires_grad=True)), "scale is no array of numbers"),
+        (lambda: mapped(1, scale=[10**400] * 3), "scale is no array of numbers"),
     ],
 )
 def test_what_is_no_part_of_a_map_is_named(make, message):
