@@ -194,6 +194,7 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def _run(verb: str, arguments: list[str], loudness: int) -> int:
+    import errno
     import logging
     import os
 
@@ -214,6 +215,11 @@ def _run(verb: str, arguments: list[str], loudness: int) -> int:
         return VERBS[verb](arguments, console) or 0
     except ObjectGraphError as error:
         errors.print(f"[bold red]error:[/] {escape(str(error))}", highlight=False, soft_wrap=True)
+        return 1
+    except OSError as error:  # any word that is a path
+        if error.errno != errno.ENAMETOOLONG:
+            raise
+        errors.print(f"error: {escape(str(error))}: give a shorter path", highlight=False, soft_wrap=True)
         return 1
     except KeyboardInterrupt:
         kept = "the same command goes on from here" if verb in _GOES_ON else "nothing is half-written"

@@ -104,7 +104,10 @@ def _matrix(
     for name in names:
         if name in given:
             try:
-                return np.array([float(word) for word in given[name]]).reshape(shape)
+                matrix = np.array([float(word) for word in given[name]]).reshape(shape)
             except ValueError as error:
                 raise DatasetError(f"{path}: {name} is no {shape[0]}x{shape[1]} matrix ({error})") from error
+            if not np.isfinite(matrix).all():
+                raise DatasetError(f"{path}: {name} has numbers that are not finite; download the file again")
+            return matrix
     raise DatasetError(f"{path}: has no {names[0]}; is it a calibration of the object benchmark?")

@@ -196,10 +196,17 @@ def test_quiet_leaves_errors_alone(flag, printed, monkeypatch, capsys):
 
 
 @pytest.mark.parametrize(
-    "words", [["--json", "{}/file/below"], ["{}/" + 400 * "9"], ["--json", "{}/" + 400 * "9"]]
+    "words",
+    [
+        ["priors", "--json", "{}/file/below"],
+        ["priors", "{}/" + 400 * "9"],
+        ["priors", "--json", "{}/" + 400 * "9"],
+        ["evaluate-prior", "--category", "chair", "--meshes", "{}", "--json", "{}/" + 400 * "9"],
+        ["report", "{}/" + 400 * "9"],
+    ],
 )
 def test_a_place_that_cannot_be_is_one_line(words, tmp_path, capsys):
     (tmp_path / "file").touch()
-    assert main(["priors", *(word.replace("{}", str(tmp_path)) for word in words)]) == 1
+    assert main([*(word.replace("{}", str(tmp_path)) for word in words)]) == 1
     assert capsys.readouterr().err.startswith("error: ")
     assert [path.name for path in tmp_path.iterdir()] == ["file"]

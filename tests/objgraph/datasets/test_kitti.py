@@ -1,5 +1,6 @@
 """KITTI's layout: frames of reference, what is left out, and what is missing or damaged."""
 
+import re
 import shutil
 from dataclasses import replace
 
@@ -130,6 +131,9 @@ def test_a_calibration_that_is_no_motion_is_refused(root):
     text = path.read_text().replace("R0_rect: 1.0", "R0_rect: 3.0")
     path.write_text(text)
     with pytest.raises(DatasetError, match="no rigid motion"):
+        read_calibration(path)
+    path.write_text(re.sub(r"R0_rect: \S+", "R0_rect: nan", text))
+    with pytest.raises(DatasetError, match="R0_rect has numbers that are not finite"):
         read_calibration(path)
     path.write_text(text.replace("P2: 7.2", "P2: -7.2"))
     with pytest.raises(DatasetError, match="no camera's matrix"):
