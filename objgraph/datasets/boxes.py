@@ -119,8 +119,10 @@ def read_object_boxes(path: Path, categories: Mapping[str, str] | None = None) -
         up = direction(content["up"], "up")
         floor_height = -float(numbers(content["floor_d"], 1)[0]) if "floor_d" in content else -np.inf
         objects = content["objects"]
+        if not all(isinstance(o["label"], str) for o in objects):
+            raise ValueError("a label is no text")
         if categories is None:
-            categories = {str(o["label"]): str(o["label"]) for o in objects}
+            categories = {o["label"]: o["label"] for o in objects}
         others = sorted({o["label"] for o in objects if o["label"] not in categories})
         boxes = tuple(_box(o, categories[o["label"]]) for o in objects if o["label"] in categories)
     except (KeyError, TypeError, ValueError) as error:

@@ -42,6 +42,8 @@ class Bag:
         self._reader = reader
         self.topics: dict[str, str] = {c.topic: c.msgtype for c in reader.connections if c.msgcount}
         """Type by name, as `sensor_msgs/msg/Image`, of topics that have messages."""
+        if not all(isinstance(word, str) for pair in self.topics.items() for word in pair):
+            raise DatasetError(f"{path}: a topic has no name or no type; copy the bag again")
 
     def messages(
         self, topics: Collection[str], start: int | None = None, stop: int | None = None

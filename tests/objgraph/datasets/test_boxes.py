@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from objgraph.bench.metrics.placed import PlacedMesh
 from objgraph.datasets import load_scan, scenes
-from objgraph.datasets.boxes import true_boxes
+from objgraph.datasets.boxes import read_object_boxes, true_boxes
 from objgraph.datasets.ground_truth import AnnotatedScan
 from objgraph.datasets.registry import has_boxes, load_annotated
 from objgraph.errors import DatasetError
@@ -72,6 +72,14 @@ def test_tables_are_the_same_from_both_sides_and_quality_may_be_left_out(tmp_pat
     (truth,) = true_boxes(write_objects(tmp_path / "instances.json", table)).values()
     assert truth.symmetry == 2
     assert truth.quality == "full"
+
+
+@pytest.mark.parametrize("categories", [None, {"chair": "chair"}])
+@pytest.mark.parametrize("label", [None, 3, ["chair"]])
+def test_a_label_that_is_no_text_is_refused(tmp_path, label, categories):
+    path = write_objects(tmp_path / "instances.json", BOX, {**BOX, "label": label})
+    with pytest.raises(DatasetError, match="a label is no text"):
+        read_object_boxes(path, categories)
 
 
 def test_a_box_that_is_mirrored_is_no_truth(tmp_path):
