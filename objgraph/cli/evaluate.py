@@ -27,6 +27,7 @@ from objgraph.datasets.files import read_json
 from objgraph.datasets.registry import datasets, has_boxes
 from objgraph.errors import EvaluationError
 from objgraph.synthetic.faults import FaultRanges, faults_from
+from objgraph.trust.calibration import shipped_calibration
 from objgraph.version import program_version
 
 
@@ -64,7 +65,7 @@ def _objects(command: EvaluateCommand, console: Console) -> Report:
     if boxes:
         return rgbd_box_report(comparison, rows)
     return (
-        calibration_report(comparison, rows)
+        calibration_report(comparison, rows, shipped_calibration())
         if command.calibration
         else object_report(comparison, rows, again)
     )

@@ -71,6 +71,17 @@ def _evaluate(arguments: list[str], console: "Console") -> None:
     run_evaluate(command, console, shlex.join(["objgraph", "evaluate", *arguments]))
 
 
+def _calibrate(arguments: list[str], console: "Console") -> None:
+    """Learn from objects with ground truth how far maps are to be trusted: verdicts, and sets that hold what they say.
+
+    $ objgraph evaluate --difficulty hard --objects 24 --methods graph@own --seed 5 --out out/hard --jobs 2
+    $ objgraph calibrate out/hard --out out/calibration.json
+    """
+    from objgraph.cli.calibrate import CalibrateCommand, run_calibrate
+
+    run_calibrate(_parsed(CalibrateCommand, "calibrate", arguments), console)
+
+
 def _train(arguments: list[str], console: "Console") -> None:
     """Train a category's shape prior; a killed run goes on where it was.
 
@@ -150,6 +161,7 @@ VERBS: dict[str, Callable[[list[str], "Console"], int | None]] = {
     "view": _view,
     "next-view": _next_view,
     "evaluate": _evaluate,
+    "calibrate": _calibrate,
     "train": _train,
     "train-guess": _train_guess,
     "convert-prior": _convert_prior,

@@ -74,6 +74,8 @@ class MapCommand:
     """Cells along an edge of the canonical cube."""
     priors: Annotated[tuple[str, ...], _option("[FILE [FILE ...]]")] = ()
     """Your own priors, .safetensors files: each serves its category in place of the shipped one."""
+    calibration: Annotated[str | None, _option("FILE")] = None
+    """A file of `objgraph calibrate` that says how far objects are to be trusted; by default the shipped one does."""
     estimator: Annotated[
         Literal["graph", "adam", "both"] | None, _option("{graph,adam,both}", _DEFAULTS.estimator)
     ] = None
@@ -99,6 +101,7 @@ _SETTINGS: dict[str, tuple[str, ...]] = {
     "seed": ("seed",),
     "mesh_resolution": ("mesh_resolution",),
     "priors": ("priors",),
+    "calibration": ("calibration",),
     "estimator": ("estimator",),
     "renderer": ("graph.renderer",),
     "points": ("sampling.points", "task.sampling.points"),

@@ -15,7 +15,6 @@ from objgraph.covariance.heading_modes import HeadingModes
 from objgraph.covariance.labelled import LabelledCovariance, ObjectCovariance, of_one_object
 from objgraph.errors import CovarianceError, SolveError
 from objgraph.priors.mesh import extract_mesh
-from objgraph.priors.misfit import BoxMisfit
 from objgraph.priors.shape_prior import ShapePrior
 
 _OUTERMOST = 0.01
@@ -48,19 +47,15 @@ def box_pose(
     state: ObjectState,
     covariance: ObjectCovariance,
     p_object: Float[np.ndarray, "v 3"] | None = None,
-    misfit: BoxMisfit | None = None,
     turns: HeadingModes | None = None,
-    view_cost: float | None = None,
 ) -> BoxPose:
-    """The object's box, with the covariance that `covariance` gives it and the prior's `misfit` added.
+    """The object's box, with the covariance that `covariance` gives it: too small for real objects, see `objgraph.trust`.
 
     Every training shape of a prior with a `box` fills that box, and the graph holds codes to it: scale times the box are
     then the extents, nearer to the true ones than those of the mesh, which are drawn short (docs/decisions/2026-11-covariances.md). Of any
     other prior it is the box about `p_object`, the canonical vertices of the object's mesh, which are made where they
     are not given.
-    By default the misfit is the prior's own; `view_cost`, the cost of a view at the estimate, says how well the
-    prior makes this object. `turns` widen the covariance by the other headings that the object may have: to the second
-    moment of all about this one.
+    `turns` widen the covariance by the other headings that the object may have: to the second moment of all about this one.
 
     Raises:
         CovarianceError: the covariance is not of this state, or the vertices have no box.
@@ -68,8 +63,6 @@ def box_pose(
     """
     checks.instance("prior", prior, ShapePrior, CovarianceError)
     of_one_object(state, covariance)
-    if view_cost is not None:
-        checks.number("view_cost", view_cost, checks.Range(), CovarianceError)
     if prior.box is not None:
         centre, extents = state.T_world_object.translation(), state.scale * prior.box
         jacobian = np.eye(9, len(covariance.matrix))
@@ -84,16 +77,10 @@ def box_pose(
         jacobian = box_jacobian(prior.decoder, state, p_object)
         low, high = state.scale * p_object.min(axis=0), state.scale * p_object.max(axis=0)
         centre, extents = state.T_world_object.transformFrom((low + high) / 2), high - low
-    misfit = misfit or prior.box_misfit
-    extents_sigma = [misfit.log_level, misfit.log_height, misfit.log_level]
-    added = np.diag(np.square([0.0] * 3 + [misfit.centre] * 3 + extents_sigma))
     known = covariance.mapped(jacobian, BOX_AXES)
-    matrix = misfit.share(view_cost) * (misfit.marginals * known.matrix + added)
     if turns is not None:
-        matrix += turns.second_moment(extents)
-    return BoxPose(
-        gtsam.Pose3(state.T_world_object.rotation(), centre), extents, replace(known, matrix=matrix)
-    )
+        known = replace(known, matrix=known.matrix + turns.second_moment(extents))
+    return BoxPose(gtsam.Pose3(state.T_world_object.rotation(), centre), extents, known)
 
 
 def box_jacobian(

@@ -140,6 +140,5 @@ class _Attempts:
             problem.cost,
             self.linearizations + sum(single.linearizations for single in self.tried),
             self.error_evaluations + sum(single.error_evaluations for single in self.tried),
-            problem.cost / len(self.task.views),
             self.turns,
         )

@@ -50,8 +50,6 @@ class Estimate:
     """Evaluations of loss and derivatives."""
     error_evaluations: int
     """Evaluations of the loss alone."""
-    view_cost: float | None = None
-    """What a view costs at the estimate, in the weighted scores of the factors; None where the objective is another."""
     turns: HeadingModes | None = None
     """How likely the object stands otherwise; None where no quarter turn of it has a chance, or none was tried."""
 

@@ -8,10 +8,11 @@ from typing import Any
 import numpy as np
 
 from objgraph.checked import typed
-from objgraph.errors import MapError
+from objgraph.errors import CovarianceError, MapError
 from objgraph.maps import files as map_files
 from objgraph.maps.mapped_object import BOX_COVARIANCE_AXES, COVARIANCE_AXES, MappedObject, PriorReference
 from objgraph.maps.other_estimate import OtherEstimate
+from objgraph.trust.verdict import Trust
 
 _AXES = {"covariance": list(COVARIANCE_AXES), "box_covariance": list(BOX_COVARIANCE_AXES)}
 """What the rows of a matrix are, told beside it."""
@@ -25,6 +26,7 @@ def to_json(entry: MappedObject, mesh: str | None, joint: str | None) -> dict[st
     document = {k: v.tolist() if isinstance(v, np.ndarray) else v for k, v in document.items()}
     document["views"] = list(entry.views)
     document["prior"] = _prior_to_json(entry.prior)
+    document["trust"] = None if entry.trust is None else entry.trust.to_json()
     document["other"] = None if entry.other is None else entry.other.to_json()
     for name, axes in _AXES.items():
         document[f"{name}_axes"] = None if document[name] is None else axes
@@ -52,6 +54,7 @@ def from_json(document: Any, index: int, folder: Path) -> MappedObject:
         if document[name] is not None and document[f"{name}_axes"] != axes:
             raise MapError(f"{where}: {name}_axes are not {axes}")
     given = {name: document[name] for name in _JSON_FIELDS}
+    given["trust"] = _trust(given["trust"], where)
     try:
         given["prior"] = None if given["prior"] is None else typed(PriorReference, given["prior"])
     except TypeError as error:
@@ -74,6 +77,15 @@ def from_json(document: Any, index: int, folder: Path) -> MappedObject:
         return MappedObject(**given)
     except MapError as error:
         raise MapError(f"{where}: {error}") from error
+
+
+def _trust(given: Any, where: str) -> Trust | None:
+    try:
+        if isinstance(given, dict) and isinstance(given.get("why"), list):
+            given = {**given, "why": tuple(given["why"])}
+        return None if given is None else typed(Trust, given)
+    except (TypeError, CovarianceError) as error:
+        raise MapError(f"{where}: trust is none ({error})") from error
 
 
 def require(document: dict[str, Any], names: Iterable[str], where: str) -> None:

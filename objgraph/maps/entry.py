@@ -1,6 +1,6 @@
 """From an estimate to an object of the map: its mesh, what is known of it, and where it is from."""
 
-from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Float
@@ -8,29 +8,31 @@ from jaxtyping import Float
 from factors.state import ObjectState
 from objgraph.covariance.box import BoxPose, box_pose
 from objgraph.covariance.heading_modes import HeadingModes
-from objgraph.covariance.labelled import ObjectCovariance
 from objgraph.covariance.surface import surface_sigma
 from objgraph.errors import SolveError
-from objgraph.estimate.task import Estimate
+from objgraph.estimate.task import Estimate, EstimationTask
 from objgraph.maps.mapped_object import MappedObject, PriorReference
 from objgraph.observation.frames import Instance
-from objgraph.observation.sampling import ObjectView
 from objgraph.priors.mesh import extract_mesh
 from objgraph.priors.shape_prior import ShapePrior
+from objgraph.trust.calibration import Calibration
+from objgraph.trust.evidence import evidence_of
+from objgraph.trust.verdict import Trust
 
 
 def map_entry(
     instance: Instance,
-    prior: ShapePrior,
+    task: EstimationTask,
     estimate: Estimate,
-    views: Sequence[ObjectView],
     resolution: int = 64,
+    calibration: Calibration | None = None,
 ) -> MappedObject:
     """The object as the map has it, its mesh cut at `resolution` cells along an edge of the canonical cube.
 
     Raises:
         SolveError: the estimate has no covariance, or the code no surface.
     """
+    prior, views = task.prior, task.views
     state, covariance = estimate.state, estimate.covariance
     if covariance is None:
         raise SolveError(
@@ -38,7 +40,8 @@ def map_entry(
         )
     mesh = extract_mesh(prior.decoder, state.code, resolution=resolution)
     vertices = np.asarray(mesh.vertices)
-    box = _calibrated_box(prior, estimate, covariance, vertices)
+    known = None if calibration is None else _calibrated(task, estimate, vertices, calibration)
+    trust, box = (None, None) if known is None else known
     return MappedObject(
         instance.id,
         instance.category,
@@ -58,6 +61,7 @@ def map_entry(
         box_centre=None if box is None else box.T_world_box.translation(),
         box_extents=None if box is None else box.extents,
         box_covariance=None if box is None else box.covariance.matrix,
+        trust=trust,
         turns=None if estimate.turns is None else estimate.turns.probability,
         turned=None if estimate.turns is None else _turned(state, estimate.turns),
         prior=_reference(prior),
@@ -68,20 +72,22 @@ def map_entry(
     )
 
 
-def _calibrated_box(
-    prior: ShapePrior, estimate: Estimate, covariance: ObjectCovariance, p_object: Float[np.ndarray, "v 3"]
-) -> BoxPose | None:
-    """The box and its covariance; None where nothing was measured of the prior, or not for such an estimator."""
-    if not prior.is_calibrated or estimate.view_cost is None:
+def _calibrated(
+    task: EstimationTask, estimate: Estimate, p_object: Float[np.ndarray, "v 3"], calibration: Calibration
+) -> tuple[Trust, BoxPose] | None:
+    """The verdict, and the box with its covariance; None where nothing was measured of such objects."""
+    prior, state, covariance = task.prior, estimate.state, estimate.covariance
+    if covariance is None or covariance.source != "marginals":
         return None
-    return box_pose(
-        prior,
-        estimate.state,
-        covariance,
-        p_object,
-        turns=estimate.turns,
-        view_cost=estimate.view_cost,
-    )
+    evidence, sides = evidence_of(task, estimate, state.to_world(p_object))
+    trust = calibration.trust(prior.category, str(prior.card.get("sha256", "unknown")), evidence)
+    if trust is None:
+        return None
+    box = calibration.box(prior.category, evidence, box_pose(prior, state, covariance, p_object), sides)
+    if estimate.turns is not None:
+        moment = estimate.turns.second_moment(box.extents)
+        box = replace(box, covariance=replace(box.covariance, matrix=box.covariance.matrix + moment))
+    return trust, box
 
 
 def _turned(state: ObjectState, turns: HeadingModes) -> Float[np.ndarray, "4 9+l"] | None:

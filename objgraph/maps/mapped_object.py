@@ -9,12 +9,14 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from factors.state import RIGID_DOF, ObjectState
-from objgraph.covariance.box import BOX_AXES
+from objgraph.covariance.box import BOX_AXES, BoxPose
+from objgraph.covariance.box_modes import BoxMode, box_modes
 from objgraph.covariance.heading_modes import HeadingModes
-from objgraph.covariance.labelled import RIGID_AXES, ObjectCovariance
+from objgraph.covariance.labelled import RIGID_AXES, LabelledCovariance, ObjectCovariance
 from objgraph.errors import CovarianceError, MapError
 from objgraph.maps import checks as map_checks
 from objgraph.maps.other_estimate import ESTIMATE_SHAPES, OtherEstimate
+from objgraph.trust.verdict import Trust
 
 COVARIANCE_AXES = RIGID_AXES
 """The 9 axes of `MappedObject.covariance`: GTSAM's Pose3 tangent in the body frame, then the log-scale."""
@@ -101,8 +103,10 @@ class MappedObject:
     box_extents: Float[np.ndarray, "3"] | None = None
     """Edges of that box, metres."""
     box_covariance: Float[np.ndarray, "9 9"] | None = None
-    """Of that box, calibrated on development objects, with the other headings it may have (`box_pose`); None where no
-    calibration was measured for the prior or the estimator. `BOX_COVARIANCE_AXES` says what each row is."""
+    """Of that box, calibrated: 95 % sets hold as many (`trust`); with the second moment of the other headings it may have. None
+    where no calibration was measured for the prior or the estimator. `BOX_COVARIANCE_AXES` says what each row is."""
+    trust: Trust | None = None
+    """How likely pose and shape are right, and why not; None where there is no box covariance."""
     turns: Float[np.ndarray, "4"] | None = None
     """Probabilities that it stands like this, or within the same box turned by a quarter, a half and three quarters about
     its up axis; None where no other heading comes near. The covariance is of this heading alone."""
@@ -135,6 +139,8 @@ class MappedObject:
             self._put(name, map_checks.number(f"{label}: {name}", getattr(self, name)))
         for name in _COUNTS:
             self._put(name, map_checks.whole(f"{label}: {name}", getattr(self, name)))
+        if self.trust is not None and not isinstance(self.trust, Trust):
+            raise _bad(self, "trust", f"is no Trust ({type(self.trust).__name__})")
         if not isinstance(self.views, (list, tuple)) or not isinstance(self.seconds_by_stage, Mapping):
             raise _bad(self, "views", "must be a list, and seconds_by_stage a dictionary")
         self._put("views", tuple(str(view) for view in self.views))
@@ -166,11 +172,17 @@ class MappedObject:
         return HeadingModes(self.turns, tuple(states))
 
     @property
-    def view_cost(self) -> float | None:
-        """What a view costs, in the factors' scores, for `box_pose`; None of another estimator than the graph."""
-        if self.estimator != "graph" or self.cost_final is None or not self.views:
-            return None
-        return self.cost_final / len(self.views)
+    def box_modes(self) -> tuple[BoxMode, ...]:
+        """The calibrated box at each heading that it may have; empty where it has none."""
+        if self.box_centre is None or self.box_extents is None or self.box_covariance is None:
+            return ()
+        turns, matrix = self.other_headings, self.box_covariance
+        if turns is not None:
+            matrix = matrix - turns.second_moment(self.box_extents)
+        state = self.state
+        T_world_box = gtsam.Pose3(state.T_world_object.rotation(), self.box_centre)
+        known = LabelledCovariance(matrix, BOX_AXES, "marginals", _label(self))
+        return box_modes(BoxPose(T_world_box, self.box_extents, known), state, turns)
 
     @property
     def uncertainty(self) -> ObjectCovariance:

@@ -13,8 +13,10 @@ from objgraph.maps import files as map_files
 from objgraph.maps.colors import sigma_colors, sigma_limit
 from objgraph.maps.mapped_object import MappedObject
 
-VERSION = 6
-"""Of the document's layout; a reader refuses another."""
+VERSION = 7
+"""Of the document's layout."""
+_NEW = {6: ("trust",)}
+"""What objects of earlier layouts that are still read had not."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,7 +99,7 @@ class ObjectMap:
         document = map_files.read_document(folder)
         map_json.require(document, ("version", "scene", "up_world", "objects"), f"{path}")
         version = document["version"]
-        if version != VERSION:
+        if version != VERSION and not (isinstance(version, int) and version in _NEW):
             newer = isinstance(version, int) and version > VERSION
             what = (
                 f"newer than {VERSION}, the last that is known here: update objgraph"
@@ -107,7 +109,11 @@ class ObjectMap:
             raise MapError(f"{path}: of format {version!r}, {what}")
         if not isinstance(document["objects"], list):
             raise MapError(f"{path}: objects is no list")
-        objects = [map_json.from_json(entry, i, folder) for i, entry in enumerate(document["objects"])]
+        lacking = dict.fromkeys(_NEW.get(version, ()))
+        entries = [
+            {**lacking, **entry} if isinstance(entry, dict) else entry for entry in document["objects"]
+        ]
+        objects = [map_json.from_json(entry, i, folder) for i, entry in enumerate(entries)]
         try:
             return cls(str(document["scene"]), tuple(objects), document["up_world"])
         except (MapError, TypeError, ValueError) as error:

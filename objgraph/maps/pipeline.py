@@ -34,6 +34,7 @@ from objgraph.priors.mesh import RESOLUTIONS
 from objgraph.priors.registry import prior_for
 from objgraph.priors.shape_prior import ShapePrior
 from objgraph.priors.store import load_prior_file
+from objgraph.trust.calibration import Calibration, load_calibration, shipped_calibration
 
 log = logging.getLogger(__name__)
 
@@ -65,6 +66,8 @@ class MappingConfig:
     and keeps the other beside it."""
     adam: AdamConfig = field(default_factory=AdamConfig)
     """Settings of the paper's."""
+    calibration: str = ""
+    """A file of `objgraph calibrate` that says how far objects are to be trusted; by default the shipped one does."""
 
     def __post_init__(self) -> None:
         """Raises ConfigError where a number is not one of its kind, or there is no such estimator."""
@@ -100,6 +103,7 @@ def map_scan(
     Raises:
         ObservationError: the scan has no frame, or one that is none.
         PriorError: one of the files of `config.priors` is no prior.
+        CovarianceError: `config.calibration` is no calibration.
     """
     config = checks.settings_or_default(config, MappingConfig, ConfigError)
     checks.instance("scan", scan, Scan, ObservationError)
@@ -107,6 +111,7 @@ def map_scan(
         raise ObservationError(f"scan {scan.name} has no frame; give it some")
     given = [load_prior_file(Path(path)) for path in config.priors]
     find_prior = partial(prior_for, given=given)
+    calibration_of(config)  # a file that is none is told before the work
     tell = progress or (lambda what, done, total: None)
     index = summarize(scan.frames, config.view, lambda done, total: tell("reading frames", done, total))
     floor = scene_floor(scan)
@@ -171,7 +176,7 @@ def map_object(
         estimate = _estimated(main, task)
         other = _beside(rest[0], task) if rest else None
     with clock.stage("mesh"):
-        entry = map_entry(instance, prior, estimate, views, config.mesh_resolution)
+        entry = map_entry(instance, task, estimate, config.mesh_resolution, calibration_of(config))
     return replace(
         entry,
         estimator="adam" if config.estimator == "adam" else "graph",
@@ -214,6 +219,11 @@ def _beside(estimator: Estimator, task: EstimationTask) -> OtherEstimate | None:
         covariance.rigid,
         np.sqrt(np.diag(covariance.code)),
     )
+
+
+def calibration_of(config: MappingConfig) -> Calibration:
+    """The one of the settings, or the shipped one; raises CovarianceError where the file is none."""
+    return load_calibration(Path(config.calibration)) if config.calibration else shipped_calibration()
 
 
 def observe_instance(

@@ -18,7 +18,6 @@ from factors.state import ObjectKeys
 from objgraph.errors import SolveError
 from objgraph.priors.first_guess import FirstGuess
 from objgraph.priors.mesh import extract_mesh
-from objgraph.priors.misfit import BoxMisfit
 
 _LOOSE = 1.15
 """Times that a tight box is larger than the shapes': a decoder draws outside of it as well."""
@@ -53,8 +52,6 @@ class ShapePrior:
     box: Float[np.ndarray, "3"] | None = None
     """Edges of the box that every shape is stretched to in the decoder's frame (`BoxFrame`); None where the
     decoder takes coordinates of diagonal 1 as they are."""
-    box_misfit: BoxMisfit = field(default_factory=BoxMisfit)
-    """How far boxes of real objects lie from those that its shapes have."""
     guess: FirstGuess | None = None
     """Says from the points seen how an object may stand; None where none was trained."""
     surface_misfit: float = 1.0
@@ -77,11 +74,6 @@ class ShapePrior:
         """Canonical distance from an object's centre down to its feet; None where shapes have no common box, or such
         objects need not stand on the floor."""
         return float(self.box[1]) / 2 if self.box is not None and self.stands else None
-
-    @property
-    def is_calibrated(self) -> bool:
-        """Whether it was measured how far its boxes lie from real ones: only then is a box's covariance to be believed."""
-        return self.box_misfit != BoxMisfit()
 
     def half_box(self, tight: bool) -> float | Float[np.ndarray, "3"]:
         """Half the edges of the canonical box to look for an object's surface in: a cube that holds any shape or, where

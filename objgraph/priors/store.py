@@ -18,7 +18,6 @@ from factors.superquadric import Superquadric, SuperquadricConfig
 from objgraph.checked import check_fields, typed
 from objgraph.errors import PriorError
 from objgraph.priors.first_guess import FirstGuess, FirstGuessConfig
-from objgraph.priors.misfit import BoxMisfit
 from objgraph.priors.shape_prior import ShapePrior
 from objgraph.priors.tensors import load_tensors, loaded_network, save_tensors
 
@@ -55,7 +54,6 @@ def save_prior(prior: ShapePrior, path: Path) -> None:
         "size_mean": prior.size_mean,
         "size_log_sigma": prior.size_log_sigma,
         **({} if prior.anisotropy_sigma is None else {"anisotropy_sigma": prior.anisotropy_sigma}),
-        "box_misfit": asdict(prior.box_misfit),
         "surface_misfit": prior.surface_misfit,
         "sha256": digest(tensors),
         "card": {k: v for k, v in prior.card.items() if k not in _HEADER},
@@ -90,7 +88,6 @@ def load_prior_file(path: Path) -> ShapePrior:
         box = tensors["box"].numpy() if "box" in tensors else None
         numbers = [float(header[key]) for key in ("residual_sigma", "size_mean", "size_log_sigma")]
         anisotropy = float(header["anisotropy_sigma"]) if "anisotropy_sigma" in header else None
-        misfit = typed(BoxMisfit, header.get("box_misfit", {}))
         surface_misfit = float(header.get("surface_misfit", 1.0))
         card = {**header["card"], **{key: header[key] for key in _HEADER}}
         category = str(header["category"])
@@ -116,7 +113,7 @@ def load_prior_file(path: Path) -> ShapePrior:
         *([] if box is None else [box]),
         numbers,
         [] if anisotropy is None else [anisotropy],
-        [*asdict(misfit).values(), surface_misfit],
+        [surface_misfit],
         *(value.numpy() for value in decoder.state_dict().values()),
         *([] if guess is None else [value.numpy() for value in guess.state_dict().values()]),
     ]
@@ -136,7 +133,6 @@ def load_prior_file(path: Path) -> ShapePrior:
         prototypes=prototypes,
         anisotropy_sigma=anisotropy,
         box=box,
-        box_misfit=misfit,
         guess=guess,
         surface_misfit=surface_misfit,
         kinds=kinds,

@@ -13,6 +13,7 @@ from objgraph.maps.files import EVALUATION
 from objgraph.maps.mapped_object import MappedObject
 from objgraph.show import summary
 from objgraph.show.placement import LEAST
+from objgraph.trust.verdict import SURE
 
 
 class Column(NamedTuple):
@@ -25,7 +26,7 @@ class Column(NamedTuple):
 
 
 _COLUMNS = (
-    Column("object", "object", "", 0), Column("status", "status", "", 0), Column("size", "w x h x d", "m", 2),
+    Column("object", "object", "", 0), Column("status", "status", "", 0), Column("right", "right", "%", 0), Column("size", "w x h x d", "m", 2),
     Column("centre_sigma", "centre ±", "cm", 1), Column("heading_sigma", "heading ±", "deg", 1),
     Column("surface_sigma", "surface ±", "cm", 1), Column("other", "other headings", "%", 0),
     Column("views", "views", "", 0), Column("seconds", "time", "s", 1),
@@ -47,6 +48,8 @@ def object_row(entry: MappedObject, up_world: Float[np.ndarray, "3"]) -> dict[st
     covariance = entry.covariance if entry.box_covariance is None else entry.box_covariance
     row: dict[str, Any] = {"object": name_of(entry), "status": entry.status}
     row |= {"views": len(entry.views), "seconds": entry.seconds}
+    if entry.trust is not None:
+        row["right"] = 100 * entry.trust.pose
     if entry.size_m is not None:
         row["size"] = " x ".join(f"{edge:.2f}" for edge in entry.size_m)
     if entry.T_world_object is not None and covariance is not None:
@@ -75,6 +78,8 @@ def remarks_of(entry: MappedObject) -> list[str]:
         remarks.append(f"no prior for this category: stand-in {entry.prior.name}")
     if entry.box_covariance is None and entry.covariance is not None:
         remarks.append("standard deviations are the estimator's own: not calibrated, too small")
+    if entry.trust is not None and entry.trust.pose < SURE:
+        remarks += entry.trust.why
     if entry.turns is not None:
         others = {90 * quarter: p for quarter, p in enumerate(entry.turns) if quarter and p > LEAST}
         remarks += [f"may stand turned by {angle}°: {100 * p:.0f} %" for angle, p in others.items()]

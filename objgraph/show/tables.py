@@ -10,6 +10,7 @@ from rich.text import Text
 from objgraph.maps.mapped_object import MappedObject
 from objgraph.maps.object_map import ObjectMap
 from objgraph.show import summary
+from objgraph.trust.verdict import SURE
 
 NONE = "-"
 FALLBACK = "*"
@@ -18,12 +19,13 @@ RAW = "~"
 """Marks standard deviations that no calibration is behind."""
 
 
+_COLORS = {"sure": "green", "likely": "green", "doubtful": "yellow", "poor": "red"}
 _WORTH_A_WORD = 0.1
 """Probability of another heading from which on it is told."""
 
 
 def map_table(object_map: ObjectMap) -> Table:
-    """One row an object: its size, place and heading with standard deviations, and what mapping it took.
+    """One row an object: its size, place and heading with standard deviations, how likely they are right, and what mapping it took.
 
     Place and heading are those of its box, with their calibrated covariance. Where there is none they are its own, with the
     estimator's covariance, and marked. Below it stand the reasons of those that failed, and which stand-in an object marked * was mapped with. It fits
@@ -42,7 +44,7 @@ def map_table(object_map: ObjectMap) -> Table:
     )
     for label in ("id", "object", "size, m\nw x h x d"):
         table.add_column(label, justify="left" if label == "object" else "right", no_wrap=True)
-    for label, least in (("box centre, m\nx ± std, y, z", 12), ("heading\n± std, °", 8), ("cost", 8)):
+    for label, least in (("box centre, m\nx ± std, y, z", 12), ("heading\n± std, °", 8), ("right", 8)):
         table.add_column(label, justify="right", min_width=least)
     for label in ("views", "time\ns"):
         table.add_column(label, justify="right", no_wrap=True)
@@ -54,7 +56,7 @@ def map_table(object_map: ObjectMap) -> Table:
             _size(entry.size_m),
             _position(entry),
             _heading(entry, object_map.up_world),
-            _cost(entry),
+            _right(entry),
             str(len(entry.views)),
             NONE if entry.seconds is None else f"{entry.seconds:.1f}",
             _status(entry),
@@ -98,11 +100,11 @@ def _is_raw(entry: MappedObject) -> bool:
     return entry.box_covariance is None and entry.covariance is not None
 
 
-def _cost(entry: MappedObject) -> str:
-    if entry.cost_initial is None and entry.cost_final is None:
-        return NONE
-    ends = (entry.cost_initial, entry.cost_final)
-    return " -> ".join(NONE if cost is None else f"{cost:.4g}" for cost in ends)
+def _right(entry: MappedObject) -> Text:
+    """The verdict, a word and a number."""
+    if entry.trust is None:
+        return Text(NONE)
+    return Text(f"{entry.trust.word}\n{100 * entry.trust.pose:.0f} %", style=_COLORS[entry.trust.word])
 
 
 def _status(entry: MappedObject) -> Text:
@@ -114,6 +116,7 @@ def _legend(object_map: ObjectMap) -> list[str]:
     lines = []
     if any(entry.box_covariance is not None for entry in object_map.objects):
         lines.append("± of the box, calibrated, other likely headings included (box_covariance)")
+        lines.append("right: probability of a pose right within 20 cm, 20° and 20 % (trust)")
     if any(map(_is_raw, object_map.objects)):
         lines.append(f"{RAW} place of the origin, ± the estimator's own: not calibrated, too small")
     return lines
@@ -124,6 +127,9 @@ def _remarks(object_map: ObjectMap) -> list[str]:
     a column."""
     reasons = [f"{e.category} {e.id} {e.status}: {e.reason}" for e in object_map.objects if e.reason]
     names = {e.prior.name for e in object_map.objects if e.prior is not None and e.prior.fallback}
+    for e in object_map.objects:
+        if e.trust is not None and e.trust.pose < SURE and e.trust.why:
+            reasons.append(f"{e.category} {e.id} {e.trust.word}: {'; '.join(e.trust.why)}")
     reasons += [f"{e.category} {e.id} {doubt}" for e in object_map.objects if (doubt := _doubt(e))]
     return reasons + [f"{FALLBACK} no prior for this category: fallback {name}" for name in sorted(names)]
 

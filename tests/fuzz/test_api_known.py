@@ -63,7 +63,6 @@ def test_what_is_asked_of_covariances(data):
         lambda: of_xi(thing, STATE),
         lambda: box_pose(PRIOR, STATE, thing, points),
         lambda: box_pose(PRIOR, thing, COVARIANCE),
-        lambda: box_pose(PRIOR, STATE, COVARIANCE, np.eye(3), view_cost=thing),
         lambda: box_pose(PRIOR, STATE, COVARIANCE, np.eye(3), turns=HeadingModes(thing)),
         lambda: surface_sigma(thing, STATE, COVARIANCE, points),
         lambda: predicted_depth(PRIOR.decoder, STATE, COVARIANCE, thing, points + 1.0),

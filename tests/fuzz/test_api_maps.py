@@ -32,7 +32,7 @@ def test_mapped_objects(data):
 
     def use() -> None:
         entry = type(good)(**given)
-        _ = entry.other_headings, entry.view_cost
+        _ = entry.other_headings, entry.box_modes
         _ = entry.state
         _ = entry.uncertainty
 

@@ -26,7 +26,7 @@ API = (
     "objgraph.slam.incremental.own_smoother",
 )
 """Modules for callers, besides the names in `objgraph.__all__` (not `show`, which draws) and all of `API_FOLDERS`."""
-API_FOLDERS = ("covariance", "observation", "priors")
+API_FOLDERS = ("covariance", "observation", "priors", "trust")
 SLOW = ("matplotlib", "open3d", "scipy.stats", "skimage", "transformers")
 CORE = (
     "active",
@@ -39,6 +39,7 @@ CORE = (
     "observation",
     "priors",
     "slam",
+    "trust",
 )
 AROUND = ("bench", "cli", "datasets", "doctor", "families", "segment", "show", "synthetic", "training")
 """Folders that use the core and that it must not use."""

@@ -9,13 +9,10 @@ from trimesh.sample import sample_surface
 
 from factors.state import ObjectState
 from objgraph.covariance.box import BOX_AXES, box_jacobian, box_pose
-from objgraph.covariance.heading_modes import HeadingModes
 from objgraph.covariance.labelled import ObjectCovariance
 from objgraph.errors import SolveError
-from objgraph.priors.misfit import BoxMisfit
 from tests.toys import ToyDecoder, toy_mesh, toy_prior, toy_state
 
-NONE = BoxMisfit(0.0, 0.0, 0.0)
 COVARIANCE = ObjectCovariance.diagonal(np.square(np.linspace(0.01, 0.05, 13)), "marginals", "chair 1")
 
 
@@ -46,7 +43,7 @@ def test_the_boxs_derivative_is_the_numerical_one():
 
 def test_the_box_is_that_of_the_mesh_and_has_its_propagated_covariance():
     prior, state = toy_prior(), toy_state()
-    found = box_pose(prior, state, COVARIANCE, surface_points(state.code), NONE)
+    found = box_pose(prior, state, COVARIANCE, surface_points(state.code))
     T_world_box, extents = box_of(state)
     np.testing.assert_allclose(found.T_world_box.matrix(), T_world_box.matrix(), atol=1e-9)
     np.testing.assert_allclose(found.extents, extents, atol=1e-9)
@@ -59,32 +56,11 @@ def test_the_box_is_that_of_the_mesh_and_has_its_propagated_covariance():
 
 def test_a_prior_whose_shapes_fill_a_box_has_that_one():
     prior, state = replace(toy_prior(), box=np.array([0.5, 0.7, 0.4])), toy_state()
-    found = box_pose(prior, state, COVARIANCE, misfit=NONE)
+    found = box_pose(prior, state, COVARIANCE)
     np.testing.assert_allclose(found.extents, state.scale * [0.5, 0.7, 0.4])
     np.testing.assert_array_equal(found.T_world_box.matrix(), state.T_world_object.matrix())
     np.testing.assert_allclose(found.covariance.matrix, COVARIANCE.rigid)
-    more = box_pose(prior, state, COVARIANCE, misfit=BoxMisfit(0.03, 0.4, 0.1)).covariance
-    np.testing.assert_allclose(
-        more.sigma**2 - found.covariance.sigma**2, [0] * 3 + [0.0009] * 3 + [0.16, 0.01, 0.16], atol=1e-12
-    )
-    assert (more.source, more.subject) == ("marginals", "chair 1")
-
-
-def test_an_object_that_the_prior_makes_badly_is_known_worse():
-    prior, state = replace(toy_prior(), box=np.array([0.5, 0.7, 0.4])), toy_state()
-    misfit = BoxMisfit(0.03, 0.4, 0.1, marginals=1.5, view_cost=40.0)
-
-    def matrix(view_cost: float | None, turns: HeadingModes | None = None) -> np.ndarray:
-        found = box_pose(prior, state, COVARIANCE, misfit=misfit, view_cost=view_cost, turns=turns)
-        return found.covariance.matrix
-
-    usual = 1.5 * COVARIANCE.rigid + np.diag([0] * 3 + [0.0009] * 3 + [0.16, 0.01, 0.16])
-    np.testing.assert_allclose(matrix(40.0), usual)
-    np.testing.assert_allclose(matrix(None), usual)
-    np.testing.assert_allclose(matrix(100.0), 2.5 * usual)
-    np.testing.assert_allclose(matrix(0.0), 0.25 * usual)
-    turns = HeadingModes(np.array([0.6, 0.1, 0.2, 0.1]))  # whose chances do not depend on it
-    np.testing.assert_allclose(matrix(100.0, turns) - matrix(100.0), matrix(40.0, turns) - matrix(40.0))
+    assert (found.covariance.source, found.covariance.subject) == ("marginals", "chair 1")
 
 
 def test_points_that_face_no_side_are_refused():

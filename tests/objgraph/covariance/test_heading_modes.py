@@ -14,7 +14,6 @@ from objgraph.covariance.heading_modes import HeadingModes
 from objgraph.covariance.labelled import ObjectCovariance
 from objgraph.datasets.ground_truth import GroundTruth
 from objgraph.errors import CovarianceError
-from objgraph.priors.misfit import BoxMisfit
 from tests.toys import toy_prior, toy_state
 
 SIZE = np.array([1.6, 0.7, 0.9])
@@ -62,11 +61,8 @@ def test_what_is_no_distribution_is_refused(wrong):
 def test_a_box_that_may_stand_the_other_way_round_is_held_both_ways():
     prior, state = replace(toy_prior(), box=np.array([0.5, 0.7, 0.4])), toy_state()
     covariance = ObjectCovariance.diagonal(np.full(13, 1e-4), "marginals", "chair 1")
-    none = BoxMisfit(0.0, 0.0, 0.0)
-    sure = box_pose(prior, state, covariance, misfit=none)
-    doubtful = box_pose(
-        prior, state, covariance, misfit=none, turns=HeadingModes(np.array([0.6, 0.1, 0.2, 0.1]))
-    )
+    sure = box_pose(prior, state, covariance)
+    doubtful = box_pose(prior, state, covariance, turns=HeadingModes(np.array([0.6, 0.1, 0.2, 0.1])))
     for count in range(4):
         error = box_error(sure, quarter(sure, count)).tangent
         squared = [error @ np.linalg.solve(each.covariance.matrix, error) for each in (sure, doubtful)]

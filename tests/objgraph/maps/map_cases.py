@@ -8,6 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from objgraph.maps.mapped_object import MappedObject, PriorReference
 from objgraph.maps.other_estimate import OtherEstimate
+from objgraph.trust.verdict import Trust
 
 UP = np.array([0.0, 0.0, 1.0])
 
@@ -56,6 +57,7 @@ def mapped(identifier: int = 1, seed: int = 0, **changes) -> MappedObject:
         "box_centre": rng.normal(size=3),
         "box_extents": rng.uniform(0.5, 2, 3),
         "box_covariance": 1.5 * joint[:9, :9],
+        "trust": Trust(0.75, 0.5, ("two headings fit",), {"box": {"95": 1.0}}, {"seen": 0.5}, "0123"),
         "turns": rng.dirichlet(np.ones(4)),
         "turned": rng.normal(size=(4, 9 + (8 if changes.get("code") is None else len(changes["code"])))),
         "prior": PriorReference("chair", "ab12"),

@@ -20,6 +20,7 @@ JSON_NAMES = [
     "category",
     "cameras",
     "turned",
+    "trust",
     "status",
     "reason",
     "T_world_object",
@@ -73,6 +74,7 @@ finite = st.floats(-1e6, 1e6)
                 "estimator",
                 "cameras",
                 "turned",
+                "trust",
             ]
         )
     ),
@@ -106,7 +108,7 @@ def test_the_document_has_the_promised_names_and_failed_objects_have_nulls(tmp_p
     ObjectMap("room", (mapped(1), failed(9)), UP).save(tmp_path)
     document = json.loads((tmp_path / "map.json").read_text())
     assert set(document) == {"version", "scene", "up_world", "objects"}
-    assert document["version"] == 6
+    assert document["version"] == 7
     good, bad = document["objects"]
     assert set(good) == set(bad) == set(JSON_NAMES)
     assert (good["estimator"], good["other"]) == ("graph", None)

@@ -29,6 +29,12 @@ def test_maps_of_earlier_programs_are_read(folder):
     assert first.other is not None
     assert (second.vertices, second.other) == (None, None)
     assert (lost.status, lost.reason) == ("failed", "seen in 12 pixels")
+    if folder.name == "format_6":  # verdicts are of later ones
+        assert first.trust is None
+    else:
+        assert first.trust is not None
+        assert (first.trust.word, first.trust.why) == ("likely", ("little of its surface is seen",))
+    assert second.trust is None
 
 
 def test_there_is_a_map_of_the_present_format():

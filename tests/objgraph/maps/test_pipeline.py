@@ -21,7 +21,7 @@ from objgraph.covariance.surface import surface_sigma
 from objgraph.datasets.ground_truth import AnnotatedScan, GroundTruth
 from objgraph.errors import EvaluationError, InitialisationError, ObservationError, SolveError
 from objgraph.estimate import AdamConfig
-from objgraph.estimate.task import Estimate
+from objgraph.estimate.task import Estimate, EstimationTask
 from objgraph.estimate.terms import RaySteps
 from objgraph.graph.builder import ObjectBuilder
 from objgraph.graph.initialise import InitialisationConfig
@@ -32,8 +32,9 @@ from objgraph.maps.object_map import ObjectMap
 from objgraph.maps.pipeline import MappingConfig, map_object, map_scan, scene_points
 from objgraph.observation.frames import Instance, Scan
 from objgraph.observation.sampling import SamplingConfig, observe
-from objgraph.priors.misfit import BoxMisfit
 from objgraph.priors.registry import prior_for
+from objgraph.trust.evidence import evidence_of
+from tests.objgraph.trust.calibrations import calibration
 from tests.toys import INTRINSICS, ListedFrames, ToyDecoder, toy_frame, toy_mesh, toy_prior, toy_state
 
 UP = np.array([0.0, 0.0, 1.0])
@@ -331,13 +332,19 @@ def test_an_estimate_without_covariance_cannot_be_mapped():
         map_object(Instance(3, "chair"), toy_prior(), views, UP, 0.0, certain)
 
 
+def task_of(prior) -> EstimationTask:
+    """One view of a toy where it is."""
+    state = toy_state(1.0)
+    views = (observe(toy_frame([state], 0.3), 1, CONFIG.sampling),)
+    return EstimationTask("chair 3", prior, (state,), views, UP)
+
+
 def test_surfaces_of_the_map_are_as_uncertain_as_the_prior_says():
     state, prior = toy_state(1.0), toy_prior()
     covariance = ObjectCovariance.diagonal(np.full(13, 1e-4), "marginals")
     estimate = Estimate(state, covariance, 2.0, 1.0, 1, 1)
-    views = [observe(toy_frame([state], 0.3), 1, CONFIG.sampling)]
     usual, wide = (
-        map_entry(Instance(3, "chair"), replace(prior, surface_misfit=factor), estimate, views, 24)
+        map_entry(Instance(3, "chair"), task_of(replace(prior, surface_misfit=factor)), estimate, 24)
         for factor in (1.0, 4.0)
     )
     assert usual.vertices is not None
@@ -350,29 +357,40 @@ def test_surfaces_of_the_map_are_as_uncertain_as_the_prior_says():
     np.testing.assert_array_equal(wide.joint_covariance, covariance.matrix)
 
 
-def test_the_box_has_the_calibrated_covariance_or_none():
-    state, misfit = toy_state(1.0), BoxMisfit(0.03, 0.4, 0.1, marginals=1.5, view_cost=40.0)
-    prior = replace(toy_prior(), box_misfit=misfit)
+def test_the_box_has_the_calibrated_covariance_and_a_verdict_or_neither():
+    state, prior = toy_state(1.0), replace(toy_prior(), category="chair")
     covariance = ObjectCovariance.diagonal(np.full(13, 1e-4), "marginals")
     turns = HeadingModes(np.array([0.7, 0.0, 0.3, 0.0]))
-    estimate = Estimate(state, covariance, 2.0, 1.0, 1, 1, view_cost=60.0, turns=turns)
-    views = [observe(toy_frame([state], 0.3), 1, CONFIG.sampling)]
-    found = map_entry(Instance(3, "chair"), prior, estimate, views, 24)
+    estimate, task = Estimate(state, covariance, 2.0, 1.0, 1, 1, turns), task_of(prior)
+    known = calibration(str(prior.card.get("sha256", "unknown")))
+    found = map_entry(Instance(3, "chair"), task, estimate, 24, known)
     assert found.vertices is not None
-    expected = box_pose(
-        prior, state, covariance, state.to_object(found.vertices), turns=turns, view_cost=60.0
-    )
+    evidence, sides = evidence_of(task, estimate, found.vertices)
+    raw = box_pose(prior, state, covariance, state.to_object(found.vertices))
+    expected = known.box("chair", evidence, raw, sides)
     assert found.box_covariance is not None
     assert found.box_centre is not None
     assert found.box_extents is not None
-    np.testing.assert_allclose(found.box_covariance, expected.covariance.matrix, rtol=1e-6, atol=1e-12)
-    np.testing.assert_allclose(found.box_centre, expected.T_world_box.translation(), atol=1e-9)
-    np.testing.assert_allclose(found.box_extents, expected.extents)
+    matrix = expected.covariance.matrix + turns.second_moment(raw.extents)
+    np.testing.assert_allclose(found.box_covariance, matrix, rtol=1e-6, atol=1e-12)
+    np.testing.assert_allclose(found.box_centre, raw.T_world_box.translation(), atol=1e-9)
+    np.testing.assert_allclose(found.box_extents, raw.extents)
+    assert found.trust == known.trust("chair", known.priors["chair"], evidence)
+    # the modes are without what they add to each other
+    assert [mode.probability for mode in found.box_modes] == [0.7, 0.3]
+    np.testing.assert_allclose(
+        found.box_modes[0].box.covariance.matrix, expected.covariance.matrix, atol=1e-12
+    )
     # the file's marginals stay as they are
     np.testing.assert_array_equal(found.covariance, covariance.rigid)
-    unmeasured = map_entry(Instance(3, "chair"), toy_prior(), estimate, views, 24)
-    by_gradients = map_entry(Instance(3, "chair"), prior, replace(estimate, view_cost=None), views, 24)
-    assert unmeasured.box_covariance is by_gradients.box_covariance is None
+    by_adam = replace(estimate, covariance=ObjectCovariance.diagonal(np.full(13, 1e-4), "adam"))
+    for other in (
+        map_entry(Instance(3, "chair"), task, estimate, 24),
+        map_entry(Instance(3, "chair"), task, estimate, 24, calibration("other weights")),
+        map_entry(Instance(3, "chair"), task, by_adam, 24, known),
+    ):
+        assert other.box_covariance is other.trust is None
+        assert other.box_modes == ()
 
 
 def test_the_covariance_of_many_chairs_covers_their_truth():

@@ -20,7 +20,6 @@ from objgraph.cli.priors import describe
 from objgraph.errors import PriorError
 from objgraph.graph.builder import GraphConfig, ObjectBuilder
 from objgraph.priors.categories import ALIASES, LABELS, category_of
-from objgraph.priors.misfit import BoxMisfit
 from objgraph.priors.registry import WEIGHTS, available_priors, load_prior
 from objgraph.priors.shape_prior import ShapePrior
 from objgraph.priors.store import digest, save_prior
@@ -107,7 +106,6 @@ def test_wrong_code_length(prior: ShapePrior, tmp_path: Path) -> None:
         ),
         (lambda tensors, header: header["decoder"].update(width=4000, depth=64), "more than it holds"),
         (lambda tensors, header: header["decoder"].update(width="8"), "width must be int"),
-        (lambda tensors, header: header.update(box_misfit={"centre": "x"}), "centre must be float"),
         (lambda tensors, header: header.update(residual_sigma=-0.01), "not positive"),
         (lambda tensors, header: header.update(size_mean=0), "not positive"),
         (lambda tensors, header: header.update(card=3), "no usable shape prior"),
@@ -141,18 +139,6 @@ def test_a_card_that_cannot_be_listed_is_named(prior: ShapePrior, tmp_path: Path
     save_prior(replace(prior, card=card), path)
     with pytest.raises(PriorError, match="its card is damaged"):
         describe(path)
-
-
-def test_what_was_measured_of_boxes_is_kept(prior: ShapePrior, tmp_path: Path) -> None:
-    path = tmp_path / "lamp.safetensors"
-    measured = BoxMisfit(0.001, 0.02, 0.003, 1.5, 40.0)
-    save_prior(replace(prior, box_misfit=measured), path)
-    assert load_prior(path).box_misfit == measured
-    rewrite(path, lambda tensors, header: header.pop("box_misfit"))  # files of before it was kept
-    assert load_prior(path).box_misfit == BoxMisfit()
-    own = replace(prior, category="chair", box_misfit=measured)  # whatever the shipped prior of that name has
-    save_prior(own, path)
-    assert load_prior(path).box_misfit == measured
 
 
 def test_what_was_measured_of_surfaces_is_kept(prior: ShapePrior, tmp_path: Path) -> None:
@@ -225,11 +211,6 @@ def test_not_finite_weights(prior: ShapePrior, tmp_path: Path) -> None:
         lambda tensors, header: header.pop("size_mean"),
         lambda tensors, header: tensors.pop("decoder.output.bias"),
         lambda tensors, header: tensors.pop("code_mean"),
-        lambda tensors, header: header.update(box_misfit={"centre": -0.1}),
-        lambda tensors, header: header.update(box_misfit={"colour": 0.1}),
-        lambda tensors, header: header.update(box_misfit=[0.1]),
-        lambda tensors, header: header.update(box_misfit={"view_cost": 0.0}),
-        lambda tensors, header: header.update(box_misfit={"marginals": float("inf")}),
         lambda tensors, header: header.update(surface_misfit=0.0),
         lambda tensors, header: header.update(surface_misfit=float("inf")),
         lambda tensors, header: header.update(surface_misfit="much"),
@@ -267,7 +248,7 @@ def test_shipped_priors() -> None:
         assert prior.card["heldout"]["collected"]
         # of the others nothing was measured
         measured = category in ("chair", "table")
-        assert (prior.box_misfit != BoxMisfit()) == (prior.surface_misfit != 1.0) == measured
+        assert (prior.surface_misfit != 1.0) == measured
         with torch.no_grad():
             code = torch.from_numpy(prior.code_mean[None]).float()
             corners = 0.55 * torch.cartesian_prod(*[torch.tensor([-1.0, 1.0])] * 3)

@@ -10,8 +10,11 @@ import numpy as np
 from jaxtyping import Float
 from scipy.stats import chi2, norm
 
+from objgraph.bench.comparison.objects.calibrated import MEASURED as WITH_CALIBRATION
+from objgraph.bench.comparison.objects.calibrated import of_rows
 from objgraph.bench.comparison.objects.rows import ObjectRow
 from objgraph.bench.comparison.writing.bootstrap import Interval, Resamples, same_objects, with_intervals
+from objgraph.trust.calibration import Calibration
 
 LEVELS = (0.50, 0.90, 0.95)
 RIGHT_MODE_DEG = 45.0
@@ -26,7 +29,8 @@ MEASURED = (
     "estimate's ellipsoid of that probability; nees_per_dof: mean squared Mahalanobis error over 9, of right modes (heading within 45 "
     "degrees modulo symmetry); nees_chi2: the middle 95 % of that mean if covariances held; nll: mean negative log-likelihood of the box, "
     "nats, of right modes; sharpness: geometric mean of the box's standard deviations, median; surface_*: of the signed distance at "
-    "points of the true surface under a Gaussian with the propagated variance and the decoder's own; *_interval: bootstrap over shapes"
+    "points of the true surface under a Gaussian with the propagated variance and the decoder's own; *_interval: bootstrap over shapes; "
+    + WITH_CALIBRATION
 )
 """What the numbers mean, for whoever reads the JSON alone."""
 FUSED = "fused"
@@ -45,8 +49,10 @@ class _Box(NamedTuple):
     sharpness: float
 
 
-def calibration(rows: Sequence[ObjectRow], methods: Sequence[str], seed: int = 0) -> list[dict[str, Any]]:
-    """One entry a method, number of views and category, and for all categories together."""
+def calibration(
+    rows: Sequence[ObjectRow], methods: Sequence[str], seed: int = 0, known: Calibration | None = None
+) -> list[dict[str, Any]]:
+    """One entry a method, number of views and category, and for all categories together; with what `known` makes of them."""
     views = sorted({row.views for row in rows})
     categories = [ALL, *dict.fromkeys(row.category for row in rows)]
     entries = []
@@ -57,7 +63,7 @@ def calibration(rows: Sequence[ObjectRow], methods: Sequence[str], seed: int = 0
             if (row.key[0], row.views) == (name, count) and category in (ALL, row.category)
         ]
         if any(row.box_covariance is not None for row in chosen):
-            entries.append(_entry(name, count, category, chosen, seed))
+            entries.append(_entry(name, count, category, chosen, seed, known))
     return entries
 
 
@@ -66,7 +72,9 @@ def squared_errors(rows: Sequence[ObjectRow]) -> Float[np.ndarray, "n"]:
     return np.array([box.squared for box in map(_box, rows) if box.right])
 
 
-def _entry(name: str, views: int, category: str, rows: Sequence[ObjectRow], seed: int) -> dict[str, Any]:
+def _entry(
+    name: str, views: int, category: str, rows: Sequence[ObjectRow], seed: int, known: Calibration | None
+) -> dict[str, Any]:
     draws = Resamples([row.shape for row in rows], seed)
     boxes = [_box(row) for row in rows]
     squared, right = np.array([box.squared for box in boxes]), np.array([box.right for box in boxes])
@@ -80,6 +88,10 @@ def _entry(name: str, views: int, category: str, rows: Sequence[ObjectRow], seed
     figures["sharpness"] = draws.median(np.array([box.sharpness for box in boxes]), right)
     for figure, values in _surfaces(rows).items():
         figures[figure] = draws.mean(values, ~np.isnan(values))
+    for figure, values in ({} if known is None else of_rows(rows, known)).items():
+        average = draws.median if figure == "set_size" else draws.mean
+        figures[figure] = average(values, ~np.isnan(values))
+    rate = figures.pop("pose_right", (None, None))[0]
     return {
         "contender": name,
         "method": rows[0].method,
@@ -93,6 +105,7 @@ def _entry(name: str, views: int, category: str, rows: Sequence[ObjectRow], seed
         "nees_chi2": [float(chi2.ppf(p, DOF * n_right) / (DOF * n_right)) for p in (0.025, 0.975)]
         if n_right
         else None,
+        **({} if rate is None else {"verdict_brier_base": rate * (1 - rate)}),
         **with_intervals(figures),
     }
 

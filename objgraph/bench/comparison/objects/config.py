@@ -68,7 +68,7 @@ def row_settings(source: CaseSource, config: ComparisonConfig, name: str, catego
         "method": {"estimator": settings_of(chosen.estimator()), "sampling": settings_of(chosen.sampling)},
         "start": "best" if start == SHARED else chosen.start,
         "prior": prior_hash(category, config),
-        "misfit": {"box": settings_of(prior.box_misfit), "surface": prior.surface_misfit},
+        "surface_misfit": prior.surface_misfit,
     }
 
 

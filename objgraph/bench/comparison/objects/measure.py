@@ -21,6 +21,7 @@ from objgraph.bench.metrics.box_error import box_error
 from objgraph.bench.metrics.metrics import BoxEvaluation, Evaluation, evaluate_box, evaluate_object
 from objgraph.bench.metrics.placed import PlacedMesh
 from objgraph.covariance.box import box_pose
+from objgraph.covariance.box_modes import box_modes
 from objgraph.datasets.ground_truth import AnnotatedScan, GroundTruth, TrueBox
 from objgraph.errors import InitialisationError, ObjectGraphError, ObservationError, SolveError
 from objgraph.estimate.task import Estimate, EstimationTask
@@ -30,6 +31,7 @@ from objgraph.observation.sampling import ObjectView, SamplingConfig, observe
 from objgraph.priors.mesh import extract_mesh
 from objgraph.priors.shape_prior import ShapePrior
 from objgraph.synthetic.photograph import MEASURED
+from objgraph.trust.evidence import evidence_of
 
 log = logging.getLogger(__name__)
 
@@ -187,10 +189,12 @@ def _estimated(
         )
         evaluation = _evaluation(placed, seen.truth, config.seed)
         covered = {} if estimate.covariance is None else _uncertainty(estimate, mesh, seen, config)
+        evidence, seen_sides = evidence_of(task, estimate, state.to_world(vertices))
     except ObjectGraphError as error:
         return replace(row, failure=str(error))
     box = {"centre_world": plain(placed.centre_world), "extents": plain(placed.extents)}
-    return replace(row, **_verdict(evaluation), **box, **covered)
+    shown = {"evidence": evidence.to_json(), "box_seen": plain(seen_sides)}
+    return replace(row, **_verdict(evaluation), **box, **covered, **shown)
 
 
 def _evaluation(placed: PlacedMesh, truth: GroundTruth, seed: int) -> BoxEvaluation:
@@ -204,13 +208,16 @@ def _uncertainty(
 ) -> dict[str, object]:
     """What the covariance says of surface and box, beside how wrong they are."""
     assert estimate.covariance is not None
-    box = box_pose(
-        seen.prior, estimate.state, estimate.covariance, np.asarray(mesh.vertices),
-        turns=estimate.turns, view_cost=estimate.view_cost,
-    )  # fmt: skip
+    box = box_pose(seen.prior, estimate.state, estimate.covariance, np.asarray(mesh.vertices))
+    modes = box_modes(box, estimate.state, estimate.turns)
     of_box = {
         "box_error": plain(box_error(box, seen.truth).tangent),
         "box_covariance": plain(box.covariance.matrix),
+        "box_modes": [
+            [mode.probability, *plain(mode.axes.T @ box_error(mode.box, seen.truth).tangent)]
+            for mode in modes
+        ],
+        "box_extents": plain(box.extents),
     }
     if isinstance(seen.truth, TrueBox):
         return of_box

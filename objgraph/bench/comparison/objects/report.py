@@ -21,6 +21,7 @@ from objgraph.bench.comparison.objects.summary import WORST, paired, summarize
 from objgraph.bench.comparison.objects.tables import all_tables, calibration_tables, stability_table
 from objgraph.bench.comparison.writing.report import Report
 from objgraph.errors import EvaluationError
+from objgraph.trust.calibration import Calibration
 
 MEASURED = (
     "metres, degrees, seconds; rates: shares of all objects, failures among them; medians: a failure is infinite, null "
@@ -54,11 +55,14 @@ def object_report(
     )  # fmt: skip
 
 
-def calibration_report(comparison: Comparison, rows: Sequence[ObjectRow]) -> Report:
-    """What the covariances of the rows are worth; raises EvaluationError where there are none."""
+def calibration_report(
+    comparison: Comparison, rows: Sequence[ObjectRow], known: Calibration | None = None
+) -> Report:
+    """What the covariances of the rows are worth, and what a calibration makes of them; raises EvaluationError where there
+    are none."""
     seed, data = comparison.config.seed, _data(comparison)
     judged, methods = calibration.with_fused(rows, comparison.methods)
-    entries = calibration.calibration(judged, methods, seed)
+    entries = calibration.calibration(judged, methods, seed, known)
     if not entries:
         raise EvaluationError(
             f"none of {', '.join(comparison.methods)} gives a covariance in {comparison.out / ROWS} that could be judged: "

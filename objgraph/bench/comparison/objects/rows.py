@@ -123,7 +123,15 @@ class ObjectRow:
     box_error: Numbers = None
     """From the estimated box to the true one, over `objgraph.covariance.box.BOX_AXES`, modulo symmetry."""
     box_covariance: Matrix = None
-    """9x9, over the same."""
+    """9x9, over the same: the estimator's own, of the estimated heading alone."""
+    box_extents: Numbers = None
+    """Edges of that box, metres."""
+    box_seen: Matrix = None
+    """Share of the lower and the upper side along each of its axes that was seen."""
+    box_modes: Matrix = None
+    """Of each heading that it may have: its probability, and the error of its box in the axes of the estimate's."""
+    evidence: Conditions = None
+    """See `objgraph.trust.evidence.Evidence`."""
     heading_error_deg: float | None = None
     """How far the object is turned about its up axis, modulo symmetry."""
 

@@ -1,0 +1,138 @@
+"""What a calibration says of an object, and its file."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from objgraph.covariance.box import BOX_AXES, BoxPose
+from objgraph.covariance.labelled import LabelledCovariance
+from objgraph.errors import CovarianceError
+from objgraph.priors.registry import load_prior
+from objgraph.trust.calibration import load_calibration, shipped_calibration
+from objgraph.trust.verdict import Trust
+from tests.objgraph.trust.calibrations import EVIDENCE, SIDES, calibration
+from tests.toys import toy_state
+
+
+def test_a_verdict_is_the_logistic_function_of_the_evidence():
+    trust = calibration().trust("chair", "weights", replace(EVIDENCE, seen=0.7))
+    assert trust is not None
+    z = (0.7 - 0.5) / 0.2
+    odds = 0.5 + 0.1 + 1.5 * z - 1.0 * EVIDENCE.moved / 0.2
+    assert trust.pose == pytest.approx(1 / (1 + np.exp(-odds)))
+    assert trust.shape == pytest.approx(1 / (1 + np.exp(-(odds - 1.5))))
+    assert trust.word == "likely"
+    assert trust.why == ()
+    assert trust.evidence == replace(EVIDENCE, seen=0.7).to_json()
+
+
+def test_what_speaks_against_it_is_said_the_worst_first():
+    trust = calibration().trust("chair", "weights", replace(EVIDENCE, seen=0.1, moved=0.2))
+    assert trust is not None
+    assert trust.why == ("little of its surface is seen", "it ended far from the first guess")
+    assert trust.word == "poor"
+
+
+@pytest.mark.parametrize(("category", "prior"), [("chair", "other weights"), ("sofa", "weights")])
+def test_of_objects_that_it_does_not_know_it_says_nothing(category, prior):
+    assert calibration().trust(category, prior, EVIDENCE) is None
+
+
+def test_a_box_is_widened_by_its_sides_and_by_what_its_evidence_lets_expect():
+    known, state = calibration(), toy_state()
+    box = BoxPose(
+        state.T_world_object,
+        np.array([0.5, 0.9, 0.6]),
+        LabelledCovariance(1e-4 * np.eye(9), BOX_AXES, "marginals", "chair 1"),
+    )
+    seen = np.full((3, 2), 0.4)
+    found = known.box("chair", replace(EVIDENCE, seen=0.7), box, seen)
+    factor = 3.0 * np.exp(0.2 - 0.5)
+    expected = factor * (SIDES.marginals * 1e-4 * np.eye(9) + SIDES.matrix(box.extents, seen))
+    np.testing.assert_allclose(found.covariance.matrix, expected)
+    assert found.T_world_box is box.T_world_box
+    trust = known.trust("chair", "weights", replace(EVIDENCE, seen=0.7))
+    assert trust is not None
+    # the map has the box at 95 % already, and the surface as the graph gives it
+    assert trust.widening["box"] == pytest.approx({"50": 1 / 3, "90": 2 / 3, "95": 1.0})
+    assert trust.widening["surface"] == pytest.approx({"50": factor / 3, "90": factor * 2 / 3, "95": factor})
+
+
+def test_a_file_comes_back_as_it_was(tmp_path):
+    known = calibration()
+    known.save(tmp_path / "c.json")
+    again = load_calibration(tmp_path / "c.json")
+    assert again == known
+    assert again.digest == known.digest != calibration("other").digest
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        lambda d: d.update(version=2),
+        lambda d: d.pop("mean"),
+        lambda d: d["mean"].pop("seen"),
+        lambda d: d["spread"].update(seen=0.0),
+        lambda d: d["pose"]["weights"].update(colour=1.0),
+        lambda d: d["pose"].update(intercept="x"),
+        lambda d: d["widening"].pop("surface"),
+        lambda d: d["widening"]["box"]["factors"].update({"95": -1.0}),
+        lambda d: d["widening"]["box"].pop("line"),
+        lambda d: d["sides"].pop("chair"),
+        lambda d: d["sides"]["chair"].update(seen=-0.1),
+        lambda d: d.update(priors=[1]),
+        lambda d: d.update(colour=1),
+    ],
+)
+def test_a_damaged_file_is_named(tmp_path, damage):
+    path = tmp_path / "c.json"
+    document = json.loads(calibration().to_bytes())
+    damage(document)
+    path.write_text(json.dumps(document))
+    with pytest.raises(CovarianceError, match=r"c\.json: no calibration of this version"):
+        load_calibration(path)
+
+
+@pytest.mark.parametrize("content", [b"", b"[]", b"{}", b'{"version": 1}', b"\xff", b"3"])
+def test_what_is_no_calibration_is_named(tmp_path, content):
+    (tmp_path / "c.json").write_bytes(content)
+    with pytest.raises(CovarianceError, match=r"c\.json"):
+        load_calibration(tmp_path / "c.json")
+    with pytest.raises(CovarianceError, match="absent"):
+        load_calibration(tmp_path / "absent")
+
+
+@given(st.floats(0, 1))
+def test_words_follow_the_probability(pose):
+    word = Trust(pose, 0.5).word
+    assert word == (
+        "sure" if pose >= 0.9 else "likely" if pose >= 0.7 else "doubtful" if pose >= 0.4 else "poor"
+    )
+
+
+@pytest.mark.parametrize("values", [{"pose": 1.2}, {"pose": float("nan")}, {"pose": 0.5, "shape": -1}])
+def test_verdicts_that_are_none_are_refused(values):
+    with pytest.raises(CovarianceError, match="probability"):
+        Trust(**{"shape": 0.5, **values})
+    with pytest.raises(CovarianceError, match="widening of box"):
+        Trust(0.5, 0.5, widening={"box": {"95": 0.0}})
+
+
+def test_the_shipped_one_is_of_the_shipped_priors():
+    known = shipped_calibration()
+    assert set(known.priors) == {"chair", "table"}
+    for category, digest in known.priors.items():
+        assert load_prior(category).card["sha256"] == digest
+        assert known.objects[category] >= 100
+    # what is seen more is trusted more, and is known better
+    for category in known.priors:
+        some, more = (replace(EVIDENCE, seen=share) for share in (0.3, 0.7))
+        assert (
+            known.trust(category, known.priors[category], some).pose
+            < known.trust(category, known.priors[category], more).pose
+        )
+        assert known.factor("box", category, some) > known.factor("box", category, more)

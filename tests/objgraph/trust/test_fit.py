@@ -1,0 +1,109 @@
+"""Fits find what objects were made with, and what they promise holds on objects that they have not seen."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.stats import chi2
+
+from objgraph.covariance.box_modes import factor_needed
+from objgraph.errors import CovarianceError
+from objgraph.trust.calibration import LEVELS, widened
+from objgraph.trust.fit import Judged, fit, held_out
+from tests.objgraph.trust.calibrations import SIDES, objects
+
+PRIORS = {"chair": "a", "table": "b"}
+
+
+@pytest.fixture(scope="module")
+def fitted():
+    return fit(objects(600, tail=1.5), PRIORS, {})
+
+
+def test_the_sides_misfit_is_found():
+    found = fit(objects(600), PRIORS, {}).sides["chair"]
+    assert found.seen == pytest.approx(SIDES.seen, rel=0.25)
+    assert found.unseen == pytest.approx(SIDES.unseen, rel=0.25)
+    assert 1.0 < found.marginals < 9.0
+
+
+@pytest.mark.parametrize("level", LEVELS)
+def test_sets_hold_what_they_say_on_other_objects(fitted, level):
+    """Boxes, by the sides' errors and the factor for each object; surfaces by theirs."""
+    fresh, share = objects(1500, seed=1, tail=1.5), float(level) / 100
+    held, covered = [], []
+    for each in fresh:
+        matrix = widened(fitted.sides[each.category], each.marginals, each.extents, each.seen_sides)
+        needed = factor_needed(each.modes, matrix, float(chi2.ppf(share, 9)))
+        held.append(needed <= fitted.factor("box", each.category, each.evidence, level))
+        covered.append(each.surface[level] <= fitted.factor("surface", each.category, each.evidence, level))
+    assert np.mean(held) == pytest.approx(share, abs=0.05)
+    assert np.mean(covered) == pytest.approx(share, abs=0.05)
+
+
+def test_verdicts_are_probabilities(fitted):
+    """Of other objects, by how sure it is: as many are right as it says."""
+    fresh = objects(2000, seed=2, tail=1.5)
+    said = np.array([fitted.trust(o.category, PRIORS[o.category], o.evidence).pose for o in fresh])
+    right = np.array([o.pose_right for o in fresh])
+    for low, high in ((0, 0.3), (0.3, 0.7), (0.7, 1.0)):
+        some = (said >= low) & (said < high)
+        assert some.sum() > 100
+        assert right[some].mean() == pytest.approx(said[some].mean(), abs=0.1)
+    assert np.mean((said - right) ** 2) < 0.8 * right.mean() * (1 - right.mean())
+
+
+def test_objects_that_are_seen_less_are_widened_more(fitted):
+    seen = objects(1)[0].evidence
+    factors = [fitted.factor("box", "chair", replace(seen, seen=share)) for share in (0.2, 0.5, 0.8)]
+    assert factors == sorted(factors, reverse=True)
+
+
+def test_held_out_figures_are_of_folds_that_share_no_shape(monkeypatch):
+    """A shape's two objects are judged by a fit that saw neither."""
+    from objgraph.trust import fit as module
+
+    made, seen = objects(80), []
+    true = module._fitted
+
+    def watched(table, chosen):
+        seen.append(chosen)
+        return true(table, chosen)
+
+    monkeypatch.setattr(module, "_fitted", watched)
+    entries = held_out(made, seed=3)
+    assert [entry["of"] for entry in entries] == ["all", "chair", "table", "made up"]
+    assert [entry["objects"] for entry in entries] == [80, 40, 40, 80]
+    shapes = np.array([each.shape for each in made])
+    assert len(seen) == 10
+    assert all(set(shapes[chosen]).isdisjoint(shapes[~chosen]) for chosen in seen)
+    np.testing.assert_array_equal(np.sum([~chosen for chosen in seen], axis=0), 1)
+
+
+def test_a_mask_with_a_neighbour_in_it_does_not_speak_for_all():
+    """One object in ten a metre off leaves the sides' misfit nearly as it was."""
+    made = objects(400)
+    stray = [replace(o, modes=[(1.0, o.modes[0][1] + np.r_[0, 0, 0, 1, 1, 1, 0, 0, 0])]) for o in made[::10]]
+    found = fit([*made, *stray], PRIORS, {}).sides["table"]
+    assert found.seen < 2 * SIDES.seen
+    assert found.unseen < 1.5 * SIDES.unseen
+
+
+def few() -> list[Judged]:
+    return objects(39)
+
+
+@pytest.mark.parametrize(
+    ("made", "message"),
+    [
+        (few, "39 objects are too few"),
+        (lambda: [replace(o, pose_right=True) for o in objects(60)], "the pose is right, or of all wrong"),
+        (
+            lambda: [replace(o, category="chair" if i else "stool") for i, o in enumerate(objects(60))],
+            "too few",
+        ),
+    ],
+)
+def test_what_cannot_be_calibrated_says_why(made, message):
+    with pytest.raises(CovarianceError, match=message):
+        fit(made(), PRIORS, {})
