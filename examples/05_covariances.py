@@ -60,7 +60,7 @@ def main(arguments: Arguments) -> None:
         console.print(objgraph.covariance.in_world(covariance, R_world_object).block("translation").table())
         xi = objgraph.covariance.of_xi(covariance, state)  # 9 axes
 
-        # The box as a 9-DoF pose, with the prior's own misfit added: this is the one to rely on.
+        # The box as a 9-DoF pose, by the same marginals: too sure for real objects. A map has it calibrated (objgraph.trust).
         box = objgraph.covariance.box_pose(prior, state, covariance)
 
         # The depth that the first camera would measure about the object's middle, and its spread.

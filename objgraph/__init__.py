@@ -1,7 +1,7 @@
 """Object-level mapping with learnt shape priors, as a factor graph.
 
-What is needed every day is here; rooms (`objgraph.active`, `covariance`, `datasets`, `maps`, `observation`, `show`, `slam`) have the
-rest of their kind. Nothing is loaded before it is asked for.
+What is needed every day is here; rooms (`objgraph.active`, `covariance`, `datasets`, `maps`, `observation`, `show`, `slam`,
+`trust`) have the rest of their kind. Nothing is loaded before it is asked for.
 """
 
 from importlib import import_module
@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from factors.state import ObjectKeys, ObjectState
-    from objgraph import active, covariance, datasets, maps, observation, show, slam
+    from objgraph import active, covariance, datasets, maps, observation, show, slam, trust
     from objgraph.active.next_view import next_views
     from objgraph.covariance.labelled import ObjectCovariance
     from objgraph.datasets.registry import load_lidar_frame, load_scan
@@ -68,6 +68,7 @@ __all__ = [
     "show",
     "slam",
     "solve",
+    "trust",
 ]
 
 _HOMES = {
@@ -91,7 +92,7 @@ _HOMES = {
     "objgraph.slam.incremental.own_smoother": "ObjectFrontEnd",
 }
 _HOME_OF = {name: home for home, names in _HOMES.items() for name in names.split()}
-_ROOMS = ("active", "covariance", "datasets", "maps", "observation", "show", "slam")
+_ROOMS = ("active", "covariance", "datasets", "maps", "observation", "show", "slam", "trust")
 
 
 def __getattr__(name: str):

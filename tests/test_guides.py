@@ -1,5 +1,6 @@
 """The guides' Python is run, on a small sample of the project's own."""
 
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -55,6 +56,14 @@ def test_covariances(scan, capsys):
     names["look_at"](*chair_graph(scan))
     printed = capsys.readouterr().out
     assert all(axis in printed for axis in ("rotation_x", "translation_z", "log_scale_y", "code_63"))
+
+
+def test_calibrate(tmp_path, monkeypatch, capsys):
+    saved = REPOSITORY / "tests" / "objgraph" / "maps" / "format_7"
+    shutil.copytree(saved, tmp_path / "out" / "map")
+    monkeypatch.chdir(tmp_path)
+    run("calibrate.md", "entry.trust")
+    assert capsys.readouterr().out == "chair likely 0.75 little of its surface is seen\n"
 
 
 def test_a_folder_is_written(scan, tmp_path):

@@ -11,8 +11,8 @@ from objgraph.bench.metrics.maps import ERROR_KEYS
 from objgraph.cli.main import main
 from objgraph.maps.mapped_object import BOX_COVARIANCE_AXES, COVARIANCE_AXES
 from objgraph.maps.object_map import ObjectMap
-from objgraph.priors.registry import load_prior
 from objgraph.synthetic.sample import ensure_sample
+from objgraph.trust.calibration import shipped_calibration
 
 ENTRIES = {
     "id", "category", "status", "reason", "T_world_object", "scale", "code", "covariance", "covariance_axes",
@@ -32,8 +32,8 @@ def run_map(out: Path, *arguments: str) -> list[dict]:
         if entry["status"] == "mapped":
             assert list(entry["covariance_axes"]) == list(COVARIANCE_AXES)
             assert np.linalg.eigvalsh(np.array(entry["covariance"])).min() > 0
-            measured = not entry["prior"].get("fallback") and load_prior(entry["prior"]["name"]).is_calibrated
-            assert (entry["box_covariance"] is not None) == measured
+            measured = entry["prior"]["name"] in shipped_calibration().categories
+            assert (entry["box_covariance"] is not None) == (entry["trust"] is not None) == measured
             if entry["box_covariance"] is not None:
                 assert entry["box_covariance_axes"] == list(BOX_COVARIANCE_AXES)
                 assert np.linalg.eigvalsh(np.array(entry["box_covariance"])).min() > 0

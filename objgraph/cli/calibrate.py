@@ -81,7 +81,7 @@ def _table(calibration: Calibration) -> Table:
         table.add_column(name, justify="left" if name == "objects of" else "right")
     for row in calibration.made["held_out"]:
         sets = [
-            " ".join(f"{row[f'box_{level}{how}']:.2f}" for how in ("_marginals", "_sides", ""))
+            " ".join(f"{row[f'box{how}_{level}']:.2f}" for how in ("_marginals", "_sides", ""))
             for level in ("50", "90", "95")
         ]
         sure = "-" if row["sure_right"] is None else f"{row['sure_right']:.2f}"

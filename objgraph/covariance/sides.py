@@ -62,6 +62,15 @@ class SideMisfit:
             matrix[..., 3 + axis, 6 + axis] = matrix[..., 6 + axis, 3 + axis] = apart / (2 * edge)
         return matrix
 
+    def widened(
+        self,
+        marginals: Float[np.ndarray, "... 9 9"],
+        extents: Float[np.ndarray, "... 3"],
+        seen: Float[np.ndarray, "... 3 2"],
+    ) -> Float[np.ndarray, "... 9 9"]:
+        """A box's covariance, by the marginals, with these errors."""
+        return self.marginals * np.asarray(marginals) + self.matrix(extents, seen)
+
 
 def seen_vertices(
     vertices_world: Float[np.ndarray, "v 3"], points_world: Float[np.ndarray, "n 3"]

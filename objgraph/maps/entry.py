@@ -80,10 +80,11 @@ def _calibrated(
     if covariance is None or covariance.source != "marginals":
         return None
     evidence, sides = evidence_of(task, estimate, state.to_world(p_object))
-    trust = calibration.trust(prior.category, str(prior.card.get("sha256", "unknown")), evidence)
-    if trust is None:
+    of = prior.category, str(prior.card.get("sha256", "unknown"))
+    trust = calibration.trust(*of, evidence)
+    box = calibration.box(*of, evidence, box_pose(prior, state, covariance, p_object), sides)
+    if trust is None or box is None:
         return None
-    box = calibration.box(prior.category, evidence, box_pose(prior, state, covariance, p_object), sides)
     if estimate.turns is not None:
         moment = estimate.turns.second_moment(box.extents)
         box = replace(box, covariance=replace(box.covariance, matrix=box.covariance.matrix + moment))

@@ -42,15 +42,13 @@ _SAID = {
 
 @dataclass(frozen=True)
 class Line:
-    """A linear function of the evidence in standard deviations, with an offset by category."""
+    """A linear function of the evidence in standard deviations."""
 
     intercept: float
-    offsets: Mapping[str, float]
     weights: Mapping[str, float]
 
-    def __call__(self, category: str, z: Mapping[str, float]) -> float:
-        terms = (self.weights[name] * value for name, value in z.items())
-        return self.intercept + self.offsets.get(category, 0.0) + sum(terms)
+    def __call__(self, z: Mapping[str, float]) -> float:
+        return self.intercept + sum(self.weights[name] * value for name, value in z.items())
 
 
 @dataclass(frozen=True)
@@ -63,9 +61,13 @@ class Widening:
 
 
 @dataclass(frozen=True)
-class Calibration:
-    """See `objgraph.trust.fit.fit`. It speaks of the graph's estimates with the priors that it names."""
+class CategoryCalibration:
+    """What was learnt of the objects of a category."""
 
+    prior: str
+    """Digest of the weights of the prior that they were estimated with."""
+    objects: int
+    """How many stand behind it."""
     mean: Mapping[str, float]
     """Of each kind of evidence."""
     spread: Mapping[str, float]
@@ -73,69 +75,76 @@ class Calibration:
     """Log-odds of a right pose."""
     shape: Line
     """Log-odds of a Chamfer distance below 3 cm."""
-    sides: Mapping[str, SideMisfit]
-    """By category."""
+    sides: SideMisfit
     widening: Mapping[str, Widening]
-    """Of boxes beyond what the sides' errors add."""
-    priors: Mapping[str, str]
-    """Digest of the weights by category."""
-    objects: Mapping[str, int]
-    """How many stand behind it, by category."""
-    made: Mapping[str, Any]
-    """From which runs, seeds and program, and what it gives on objects that were held out."""
+    """Of boxes and headings beyond what the sides' errors add."""
 
-    def trust(self, category: str, prior: str, evidence: Evidence) -> Trust | None:
-        """What it says of an object; None where it knows nothing of such a prior (its digest)."""
-        if self.priors.get(category) != prior:
-            return None
+    def trust(self, evidence: Evidence, digest: str) -> Trust:
         given, z = evidence.to_json(), self._z(evidence)
         against = {name: self.pose.weights[name] * z[name] for name in NAMES}
         worst = sorted((name for name in NAMES if against[name] < -_LEAST_LOG_ODDS), key=against.__getitem__)
-        return Trust(
-            _probability(self.pose(category, z)),
-            _probability(self.shape(category, z)),
-            tuple(_SAID[name] for name in worst),
-            {
-                name: {
-                    level: self.factor(name, category, evidence, level)
-                    / self._in_the_map(name, category, evidence)
-                    for level in LEVELS
-                }
-                for name in QUANTITIES
-            },
-            given,
-            self.digest,
-        )
+        # the map has the box at the last level, and the surface as the graph gives it
+        there = {"surface": 1.0}
+        box = self.factor("box", evidence)
+        widening = {
+            name: {level: self.factor(name, evidence, level) / there.get(name, box) for level in LEVELS}
+            for name in QUANTITIES
+        }
+        pose, shape = _probability(self.pose(z)), _probability(self.shape(z))
+        return Trust(pose, shape, tuple(_SAID[name] for name in worst), widening, given, digest)
 
-    def box(
-        self, category: str, evidence: Evidence, box: BoxPose, seen_sides: Float[np.ndarray, "3 2"]
-    ) -> BoxPose:
-        """A box, given with its marginals, with the covariance at which 95 % sets hold as many; see `evidence_of`."""
-        matrix = widened(self.sides[category], box.covariance.matrix, box.extents, seen_sides)
-        factor = self.factor("box", category, evidence)
-        return replace(box, covariance=replace(box.covariance, matrix=factor * matrix))
-
-    def factor(self, quantity: str, category: str, evidence: Evidence, level: str = LEVELS[-1]) -> float:
-        """On the variances of a quantity, that of boxes and headings with the sides' errors: so that sets of this level hold as
+    def factor(self, quantity: str, evidence: Evidence, level: str = LEVELS[-1]) -> float:
+        """On the variances of a quantity, those of boxes and headings with the sides' errors: so that sets of this level hold as
         many as they say."""
         widening = self.widening[quantity]
-        usual = math.exp(max(min(widening.line(category, self._z(evidence)), 50.0), -50.0))
-        return usual * widening.factors[level]
-
-    def _in_the_map(self, quantity: str, category: str, evidence: Evidence) -> float:
-        """The factor that the map's covariance of a quantity has already."""
-        return 1.0 if quantity == "surface" else self.factor("box", category, evidence)
+        return math.exp(max(min(widening.line(self._z(evidence)), 50.0), -50.0)) * widening.factors[level]
 
     def _z(self, evidence: Evidence) -> dict[str, float]:
         given = evidence.to_json()
         return {name: (given[name] - self.mean[name]) / self.spread[name] for name in NAMES}
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """See `objgraph.trust.fit.fit`. It speaks of the graph's estimates with the priors that it names."""
+
+    categories: Mapping[str, CategoryCalibration]
+    made: Mapping[str, Any]
+    """From which runs, seeds and program, and what it gives on objects that were held out."""
+
+    def of(self, category: str, prior: str) -> CategoryCalibration | None:
+        """What it knows of a category's objects, estimated with a prior of this digest; None where that is nothing."""
+        known = self.categories.get(category)
+        return None if known is None or known.prior != prior else known
+
+    def trust(self, category: str, prior: str, evidence: Evidence) -> Trust | None:
+        """The verdict on an object; None where it knows nothing of such ones."""
+        known = self.of(category, prior)
+        return None if known is None else known.trust(evidence, self.digest)
+
+    def box(
+        self,
+        category: str,
+        prior: str,
+        evidence: Evidence,
+        box: BoxPose,
+        seen_sides: Float[np.ndarray, "3 2"],
+    ) -> BoxPose | None:
+        """A box, given with its marginals, with the covariance at which 95 % sets hold as many (see `evidence_of`); None where
+        it knows nothing of such objects."""
+        known = self.of(category, prior)
+        if known is None:
+            return None
+        matrix = known.sides.widened(box.covariance.matrix, box.extents, seen_sides)
+        return replace(box, covariance=replace(box.covariance, matrix=known.factor("box", evidence) * matrix))
 
     @property
     def digest(self) -> str:
         return hashlib.sha256(self.to_bytes()).hexdigest()[:12]
 
     def to_bytes(self) -> bytes:
-        return json.dumps({"version": VERSION, **asdict(self)}, indent=1, sort_keys=True).encode() + b"\n"
+        document = {"version": VERSION, **asdict(self)}
+        return json.dumps(document, indent=1, sort_keys=True).encode() + b"\n"
 
     def save(self, path: Path) -> None:
         """Raises CovarianceError where the file cannot be written; an earlier one is still there then."""
@@ -160,21 +169,25 @@ def shipped_calibration() -> Calibration:
 
 def _parsed(data: bytes) -> Calibration:
     document = parse_json(data)
+    check_fields(document, {"version": int, "categories": dict[str, dict], "made": dict})
+    if document.pop("version") != VERSION:
+        raise ValueError(f"not of version {VERSION}")
+    categories = {name: _category(each) for name, each in document.pop("categories").items()}
+    return Calibration(categories, **document)
+
+
+def _category(document: Any) -> CategoryCalibration:
     numbers = dict[str, float]
     check_fields(
         document,
-        {"version": int, "mean": numbers, "spread": numbers, "pose": dict, "shape": dict, "sides": dict, "widening": dict,
-         "priors": dict[str, str], "objects": dict[str, int], "made": dict},
+        {"prior": str, "objects": int, "mean": numbers, "spread": numbers, "pose": dict, "shape": dict, "sides": dict,
+         "widening": dict[str, dict]},
     )  # fmt: skip
-    if document.pop("version") != VERSION:
-        raise ValueError(f"not of version {VERSION}")
     _named("mean", document["mean"], NAMES)
     _named("spread", document["spread"], NAMES)
     if min(document["spread"].values()) <= 0:
         raise ValueError("a spread is not positive")
     _named("widening", document["widening"], QUANTITIES)
-    _named("sides", document["sides"], tuple(document["priors"]))
-    sides = {name: typed(SideMisfit, each) for name, each in document["sides"].items()}
     widening = {}
     for name, each in document["widening"].items():
         check_fields(each, {"line": dict, "factors": numbers})
@@ -182,12 +195,17 @@ def _parsed(data: bytes) -> Calibration:
         if min(each["factors"].values()) <= 0:
             raise ValueError(f"a factor of {name} is not positive")
         widening[name] = Widening(_line(each["line"]), each["factors"])
-    lines = {name: _line(document[name]) for name in ("pose", "shape")}
-    return Calibration(**{**document, **lines, "sides": sides, "widening": widening})
+    parts = {
+        "pose": _line(document["pose"]),
+        "shape": _line(document["shape"]),
+        "sides": typed(SideMisfit, document["sides"]),
+        "widening": widening,
+    }
+    return CategoryCalibration(**{**document, **parts})
 
 
 def _line(document: Any) -> Line:
-    check_fields(document, {"intercept": float, "offsets": dict[str, float], "weights": dict[str, float]})
+    check_fields(document, {"intercept": float, "weights": dict[str, float]})
     _named("weights", document["weights"], NAMES)
     return Line(**document)
 
@@ -199,13 +217,3 @@ def _named(what: str, given: Mapping[str, Any], names: tuple[str, ...]) -> None:
 
 def _probability(log_odds: float) -> float:
     return min(max(1 / (1 + math.exp(-max(min(log_odds, 50.0), -50.0))), _ALMOST), 1 - _ALMOST)
-
-
-def widened(
-    sides: SideMisfit,
-    marginals: Float[np.ndarray, "... 9 9"],
-    extents: Float[np.ndarray, "... 3"],
-    seen_sides: Float[np.ndarray, "... 3 2"],
-) -> Float[np.ndarray, "... 9 9"]:
-    """A box's covariance with the sides' errors."""
-    return sides.marginals * np.asarray(marginals) + sides.matrix(extents, seen_sides)

@@ -17,7 +17,7 @@ from objgraph.covariance.box_modes import EVERY_AXIS, HEADING_AXIS, factor_neede
 from objgraph.covariance.quantile import squared_limit
 from objgraph.covariance.sides import SideMisfit
 from objgraph.errors import CovarianceError
-from objgraph.trust.calibration import LEVELS, QUANTITIES, Calibration, Line, Widening, widened
+from objgraph.trust.calibration import LEVELS, QUANTITIES, Calibration, CategoryCalibration, Line, Widening
 from objgraph.trust.evidence import NAMES, Evidence
 from objgraph.trust.verdict import SURE
 
@@ -28,9 +28,15 @@ _STUDENT = 5.0
 """Degrees of freedom."""
 _USUAL = (2.0, 0.015, 0.1)
 """Where the search for the sides' misfit begins."""
-_LEAST_SIDES = 10
+_POSSIBLE = ((0.1, 100.0), (1e-3, 0.2), (1e-3, 1.0))
+_NEAR_THE_TAIL = 1
+"""Which of the levels the evidence has to explain."""
+_NARROWEST_AND_WIDEST = (1e-3, 1e9)
+"""Factors beyond which it does not matter: the heading of what is round has no error at all."""
 LEAST = 40
-"""Objects below which nothing can be said of 95 %."""
+"""Objects of a category below which nothing can be said of 95 %."""
+LEAST_RIGHT = 10
+"""Of them with the right heading."""
 _RIDGE = 2.0
 """Weight of the squared coefficients, as of so many objects at one standard deviation."""
 _TINY = 1e-9
@@ -61,87 +67,112 @@ class Judged:
 def fit(
     objects: Sequence[Judged], priors: Mapping[str, str], made: Mapping[str, Any], seed: int = 0
 ) -> Calibration:
-    """A calibration from all objects; `made` gets the held-out figures.
+    """A calibration of every category that has enough objects; `made` gets the held-out figures, and how many objects other
+    categories have.
+
+    Args:
+        priors: digest of the weights by category.
+        seed: of the folds.
 
     Raises:
-        CovarianceError: there are fewer than `LEAST`, or all poses are right or wrong.
+        CovarianceError: no category has `LEAST` objects, of which `LEAST_RIGHT` have the right heading and neither all nor none
+            the right pose or shape.
     """
-    if len(objects) < LEAST:
+    of_category: dict[str, list[Judged]] = {}
+    for each in objects:
+        of_category.setdefault(each.category, []).append(each)
+    few = {name: len(some) for name, some in of_category.items() if not _is_enough(some)}
+    enough = {name: some for name, some in of_category.items() if name not in few}
+    if not enough:
         raise CovarianceError(
-            f"{len(objects)} objects are too few for a calibration: at least {LEAST} are due"
+            f"no category has enough objects ({', '.join(f'{n} {name}' for name, n in few.items()) or 'none'}): at least {LEAST} are "
+            f"due, {LEAST_RIGHT} with the right heading, and neither all nor none with the right pose or shape"
         )
-    right = [each.pose_right for each in objects]
-    if all(right) or not any(right):
-        raise CovarianceError(
-            "of all objects the pose is right, or of all wrong: add scans of another difficulty"
-        )
-    table = _Table(objects)
-    whole = _fitted(table, np.ones(len(objects), bool))
-    counts = {name: sum(each.category == name for each in objects) for name in table.categories}
-    return Calibration(
-        **_parts(table, whole),
-        priors=dict(priors),
-        objects=counts,
-        made={**made, "held_out": held_out(objects, seed)},
-    )
+    categories = {name: _category(some, priors[name]) for name, some in enough.items()}
+    kept = [each for some in enough.values() for each in some]
+    return Calibration(categories, {**made, "too_few": few, "held_out": held_out(kept, seed)})
 
 
 def held_out(objects: Sequence[Judged], seed: int = 0) -> list[dict[str, Any]]:
-    """Figures of every category and group and of all, each object judged by a fit to the other folds' shapes."""
-    table = _Table(objects)
-    shapes = sorted({each.shape for each in objects})
+    """Figures of all, of every category and of every group, each object judged by a fit to the other folds' shapes."""
+    judgements = []
+    for name in sorted({each.category for each in objects}):
+        judgements += _judgements([each for each in objects if each.category == name], seed)
+    groups = {"all": judgements}
+    for each in judgements:
+        groups.setdefault(each.category, []).append(each)
+    for each in sorted(judgements, key=lambda each: each.group):
+        groups.setdefault(each.group, []).append(each)
+    return [{"of": name, **_figures(some)} for name, some in groups.items()]
+
+
+@dataclass(frozen=True)
+class _Judgement:
+    """Of an object that the fit did not see."""
+
+    category: str
+    group: str
+    right: bool
+    said: float
+    """Probability that the pose is right."""
+    held: Mapping[str, Float[np.ndarray, "l"]]
+    """Whether sets hold, by level."""
+    size: float
+    size_marginals: float
+
+
+def _judgements(objects: Sequence[Judged], seed: int) -> list[_Judgement]:
+    table, shapes = _Table(objects), sorted({each.shape for each in objects})
     folds = dict(zip(shapes, np.random.default_rng(seed).permutation(len(shapes)) % FOLDS, strict=True))
     fold = np.array([folds[each.shape] for each in objects])
-    pose, held = np.zeros(len(objects)), {q: np.zeros((len(objects), len(LEVELS))) for q in QUANTITIES}
-    size, as_they_come = np.zeros((2, len(objects), len(LEVELS)))
+    marginals, found = table.needed(table.marginals)["box"] <= 1, []
     for k in np.unique(fold):
-        fitted, out = _fitted(table, fold != k), fold == k
-        pose[out] = _logistic(table.X[out] @ fitted.pose)
-        for name in QUANTITIES:
-            factor = np.exp(table.X[out] @ fitted.usual[name])[:, None] * fitted.factors[name]
-            held[name][out] = fitted.needed[name][out] <= factor
-            if name == "box":
-                size[out] = np.sqrt(factor) * _size(fitted.matrices[out])[:, None]
-        as_they_come[out] = fitted.needed["box"][out] <= 1
-    groups = {"all": np.ones(len(objects), bool)}
-    groups |= {name: table.category == name for name in table.categories}
-    groups |= {name: table.group == name for name in sorted(set(table.group))}
-    return [
-        {"of": name, **_figures(table, chosen, pose, held, as_they_come, size)}
-        for name, chosen in groups.items()
-    ]
+        fitted = _fitted(table, fold != k)
+        for i in np.flatnonzero(fold == k).tolist():
+            factor = {
+                name: np.exp(table.X[i] @ fitted.usual[name]) * fitted.factors[name] for name in QUANTITIES
+            }
+            held = {name: fitted.needed[name][i] <= factor[name] for name in QUANTITIES}
+            held |= {"box_marginals": marginals[i], "box_sides": fitted.needed["box"][i] <= 1}
+            found.append(
+                _Judgement(
+                    objects[i].category, objects[i].group, objects[i].pose_right, float(_logistic(table.X[i] @ fitted.pose)),
+                    held, float(np.sqrt(factor["box"][-1])) * _size(fitted.matrices[i]), _size(table.marginals[i]),
+                )
+            )  # fmt: skip
+    return found
+
+
+def _is_enough(objects: Sequence[Judged]) -> bool:
+    rights = [[each.pose_right for each in objects], [each.shape_right for each in objects]]
+    heading = sum(_has_right_heading(each) for each in objects)
+    return (
+        len(objects) >= LEAST
+        and heading >= LEAST_RIGHT
+        and all(0 < sum(right) < len(right) for right in rights)
+    )
+
+
+def _has_right_heading(each: Judged) -> bool:
+    return bool(abs(each.modes[0][1][1]) < RIGHT_HEADING)
 
 
 class _Table:
-    """Objects as arrays."""
+    """Objects of a category as arrays."""
 
     def __init__(self, objects: Sequence[Judged]) -> None:
         given = np.array([[each.evidence.to_json()[name] for name in NAMES] for each in objects])
         self.mean, self.spread = given.mean(axis=0), np.maximum(given.std(axis=0), _TINY)
-        self.category = np.array([each.category for each in objects])
-        self.group = np.array([each.group for each in objects])
-        self.categories = sorted(set(self.category))
-        is_of = (self.category[:, None] == np.array(self.categories)).astype(float)
-        self.X = np.concatenate(
-            [np.ones((len(objects), 1)), is_of, (given - self.mean) / self.spread], axis=1
-        )
+        self.X = np.concatenate([np.ones((len(objects), 1)), (given - self.mean) / self.spread], axis=1)
         self.pose = np.array([each.pose_right for each in objects], float)
         self.shape = np.array([each.shape_right for each in objects], float)
         self.modes = [each.modes for each in objects]
         self.errors = np.array([each.modes[0][1] for each in objects])
+        self.upright = np.array([_has_right_heading(each) for each in objects])
         self.marginals = np.array([each.marginals for each in objects])
         self.extents = np.array([each.extents for each in objects])
         self.seen_sides = np.array([each.seen_sides for each in objects])
         self.surface = np.array([[each.surface[level] for level in LEVELS] for each in objects])
-        self.raw = self.needed(self.marginals)
-
-    def with_sides(self, sides: Mapping[str, SideMisfit]) -> Float[np.ndarray, "n 9 9"]:
-        """The boxes' covariances with the sides' errors."""
-        matrices = np.empty_like(self.marginals)
-        for name, each in sides.items():
-            of = self.category == name
-            matrices[of] = widened(each, self.marginals[of], self.extents[of], self.seen_sides[of])
-        return matrices
 
     def needed(self, matrices: Float[np.ndarray, "n 9 9"]) -> dict[str, Float[np.ndarray, "n l"]]:
         """Of each quantity, by level: the least factor at which the set holds the truth."""
@@ -159,7 +190,7 @@ class _Table:
 
 @dataclass(frozen=True)
 class _Fitted:
-    sides: Mapping[str, SideMisfit]
+    sides: SideMisfit
     matrices: Float[np.ndarray, "n 9 9"]
     """Of all objects, with these sides' errors."""
     needed: Mapping[str, Float[np.ndarray, "n l"]]
@@ -171,13 +202,12 @@ class _Fitted:
 
 def _fitted(table: _Table, chosen: np.ndarray) -> _Fitted:
     X = table.X[chosen]
-    usual, factors = {}, {}
-    sides = {name: _sides(table, chosen & (table.category == name)) for name in table.categories}
-    matrices = table.with_sides(sides)
-    needed = table.needed(matrices)
+    sides = _sides(table, chosen & table.upright)
+    matrices = sides.widened(table.marginals, table.extents, table.seen_sides)
+    needed, usual, factors = table.needed(matrices), {}, {}
     for name in QUANTITIES:
-        log_needed = np.log(np.maximum(needed[name][chosen], _TINY))
-        usual[name] = _least_squares(X, np.where(np.isfinite(log_needed), log_needed, 20.0)[:, 1])
+        log_needed = np.log(np.clip(needed[name][chosen], *_NARROWEST_AND_WIDEST))
+        usual[name] = _least_squares(X, log_needed[:, _NEAR_THE_TAIL])
         rest = log_needed - (X @ usual[name])[:, None]
         factors[name] = np.exp([_conformal(rest[:, i], float(level) / 100) for i, level in enumerate(LEVELS)])
     pose, shape = (_regression(X, right[chosen]) for right in (table.pose, table.shape))
@@ -185,24 +215,19 @@ def _fitted(table: _Table, chosen: np.ndarray) -> _Fitted:
 
 
 def _sides(table: _Table, chosen: np.ndarray) -> SideMisfit:
-    """The likeliest, of boxes whose heading is right, with Student's t in place of the normal distribution: a mask with a
-    neighbour in it must not speak for all."""
-    chosen = chosen & (np.abs(table.errors[:, 1]) < RIGHT_HEADING)
-    if chosen.sum() < _LEAST_SIDES:
-        raise CovarianceError(
-            f"{chosen.sum()} objects of a category with the right heading are too few: at least {_LEAST_SIDES} are due"
-        )
+    """The likeliest, with Student's t in place of the normal distribution: a mask with a neighbour in it must not speak for all."""
     errors, marginals = table.errors[chosen], table.marginals[chosen]
     extents, seen = table.extents[chosen], table.seen_sides[chosen]
 
     def loss(log_values: np.ndarray) -> float:
-        matrices = widened(SideMisfit(*np.exp(log_values)), marginals, extents, seen)
+        matrices = SideMisfit(*np.exp(log_values)).widened(marginals, extents, seen)
         squared = np.einsum("ni,ni->n", errors, np.linalg.solve(matrices, errors[..., None])[..., 0])
         spread = 0.5 * np.linalg.slogdet(matrices)[1]
         return float(np.mean(spread + 0.5 * (_STUDENT + 9) * np.log1p(squared / _STUDENT)))
 
-    bounds = [(np.log(low), np.log(high)) for low, high in ((0.1, 100.0), (1e-3, 0.2), (1e-3, 1.0))]
-    found = minimize(loss, np.log(_USUAL), method="Nelder-Mead", bounds=bounds, options={"maxiter": 400})
+    found = minimize(
+        loss, np.log(_USUAL), method="Nelder-Mead", bounds=np.log(_POSSIBLE), options={"maxiter": 400}
+    )
     return SideMisfit(*(float(value) for value in np.exp(found.x)))
 
 
@@ -236,13 +261,15 @@ def _logistic(odds: np.ndarray) -> np.ndarray:
     return 1 / (1 + np.exp(-odds))
 
 
-def _parts(table: _Table, fitted: _Fitted) -> dict[str, Any]:
-    n = len(table.categories)
+def _category(objects: Sequence[Judged], prior: str) -> CategoryCalibration:
+    table = _Table(objects)
+    fitted = _fitted(table, np.ones(len(objects), bool))
+
+    def named(values: np.ndarray) -> dict[str, float]:
+        return dict(zip(NAMES, map(float, values), strict=True))
 
     def line(w: np.ndarray) -> Line:
-        values = [float(each) for each in w]
-        offsets = dict(zip(table.categories, values[1 : 1 + n], strict=True))
-        return Line(values[0], offsets, dict(zip(NAMES, values[1 + n :], strict=True)))
+        return Line(float(w[0]), named(w[1:]))
 
     widening = {
         name: Widening(
@@ -250,43 +277,29 @@ def _parts(table: _Table, fitted: _Fitted) -> dict[str, Any]:
         )
         for name in QUANTITIES
     }
-    return {
-        "mean": dict(zip(NAMES, map(float, table.mean), strict=True)),
-        "spread": dict(zip(NAMES, map(float, table.spread), strict=True)),
-        "pose": line(fitted.pose),
-        "shape": line(fitted.shape),
-        "sides": fitted.sides,
-        "widening": widening,
-    }
+    return CategoryCalibration(
+        prior, len(objects), named(table.mean), named(table.spread), line(fitted.pose), line(fitted.shape), fitted.sides,
+        widening,
+    )  # fmt: skip
 
 
-def _figures(
-    table: _Table,
-    chosen: np.ndarray,
-    pose: np.ndarray,
-    held: Mapping[str, np.ndarray],
-    as_they_come: np.ndarray,
-    size: np.ndarray,
-) -> dict[str, Any]:
-    right, said = table.pose[chosen], pose[chosen]
+def _figures(some: Sequence[_Judgement]) -> dict[str, Any]:
+    right, said = np.array([each.right for each in some], float), np.array([each.said for each in some])
     sure = said >= SURE
-    figures: dict[str, Any] = {
-        "objects": int(chosen.sum()),
+    held = {name: np.mean([each.held[name] for each in some], axis=0) for name in some[0].held}
+    return {
+        "objects": len(some),
         "right": float(right.mean()),
         "brier": float(np.mean((said - right) ** 2)),
         "brier_base": float(right.mean() * (1 - right.mean())),
         "sure": int(sure.sum()),
         "sure_right": float(right[sure].mean()) if sure.any() else None,
-        "set_size_95": float(np.median(size[chosen, -1])),
-        "set_size_95_marginals": float(np.median(_size(table.marginals)[chosen])),
+        "set_size_95": float(np.median([each.size for each in some])),
+        "set_size_95_marginals": float(np.median([each.size_marginals for each in some])),
+        **{f"{name}_{level}": float(held[name][i]) for name in held for i, level in enumerate(LEVELS)},
     }
-    for i, level in enumerate(LEVELS):
-        figures[f"box_{level}_marginals"] = float((table.raw["box"][chosen, i] <= 1).mean())
-        figures[f"box_{level}_sides"] = float(as_they_come[chosen, i].mean())
-        figures |= {f"{name}_{level}": float(held[name][chosen, i].mean()) for name in QUANTITIES}
-    return figures
 
 
-def _size(matrices: Float[np.ndarray, "n 9 9"]) -> Float[np.ndarray, "n"]:
+def _size(matrix: Float[np.ndarray, "9 9"]) -> float:
     """Geometric mean of the standard deviations along the axes: radians, metres and shares alike."""
-    return np.exp(np.linalg.slogdet(matrices)[1] / 18)
+    return float(np.exp(np.linalg.slogdet(matrix)[1] / 18))

@@ -30,11 +30,13 @@ def test_names_are_there_and_type_checkers_know_the_same(module: ModuleType):
 
 def test_the_list_is_short():
     rooms = {name for name in objgraph.__all__ if isinstance(getattr(objgraph, name), ModuleType)}
-    assert rooms == {"active", "covariance", "datasets", "maps", "observation", "show", "slam"}
+    assert rooms == {"active", "covariance", "datasets", "maps", "observation", "show", "slam", "trust"}
     assert len(set(objgraph.__all__) - rooms) <= 32
 
 
-@pytest.mark.parametrize("room", ["active", "covariance", "datasets", "maps", "observation", "show", "slam"])
+@pytest.mark.parametrize(
+    "room", ["active", "covariance", "datasets", "maps", "observation", "show", "slam", "trust"]
+)
 def test_a_room_has_what_it_says(room: str):
     module = getattr(objgraph, room)
     assert module.__all__

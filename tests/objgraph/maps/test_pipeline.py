@@ -367,7 +367,9 @@ def test_the_box_has_the_calibrated_covariance_and_a_verdict_or_neither():
     assert found.vertices is not None
     evidence, sides = evidence_of(task, estimate, found.vertices)
     raw = box_pose(prior, state, covariance, state.to_object(found.vertices))
-    expected = known.box("chair", evidence, raw, sides)
+    digest = known.categories["chair"].prior
+    expected = known.box("chair", digest, evidence, raw, sides)
+    assert expected is not None
     assert found.box_covariance is not None
     assert found.box_centre is not None
     assert found.box_extents is not None
@@ -375,7 +377,7 @@ def test_the_box_has_the_calibrated_covariance_and_a_verdict_or_neither():
     np.testing.assert_allclose(found.box_covariance, matrix, rtol=1e-6, atol=1e-12)
     np.testing.assert_allclose(found.box_centre, raw.T_world_box.translation(), atol=1e-9)
     np.testing.assert_allclose(found.box_extents, raw.extents)
-    assert found.trust == known.trust("chair", known.priors["chair"], evidence)
+    assert found.trust == known.trust("chair", digest, evidence)
     # the modes are without what they add to each other
     assert [mode.probability for mode in found.box_modes] == [0.7, 0.3]
     np.testing.assert_allclose(

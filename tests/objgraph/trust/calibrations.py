@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from objgraph.covariance.sides import SideMisfit
-from objgraph.trust.calibration import LEVELS, QUANTITIES, Calibration, Line, Widening
+from objgraph.trust.calibration import LEVELS, QUANTITIES, Calibration, CategoryCalibration, Line, Widening
 from objgraph.trust.evidence import NAMES, Evidence
 from objgraph.trust.fit import Judged
 
@@ -16,14 +16,15 @@ SIDES = SideMisfit(3.0, 0.012, 0.15)
 def calibration(prior: str = "weights") -> Calibration:
     """Of chairs: more seen is better, and everything is widened by something."""
     zero = dict.fromkeys(NAMES, 0.0)
-    line = Line(0.5, {"chair": 0.1}, {**zero, "seen": 1.5, "moved": -1.0})
-    wider = Line(0.2, {}, {**zero, "seen": -0.5})
+    line = Line(0.6, {**zero, "seen": 1.5, "moved": -1.0})
+    wider = Line(0.2, {**zero, "seen": -0.5})
     mean = {**zero, "seen": 0.5, "heading": 0.9}
     factors = dict(zip(LEVELS, (1.0, 2.0, 3.0), strict=True))
-    return Calibration(
-        mean, dict.fromkeys(NAMES, 0.2), line, replace(line, intercept=-1.0), {"chair": SIDES},
-        {name: Widening(wider, factors) for name in QUANTITIES}, {"chair": prior}, {"chair": 50}, {"program": "none"},
+    chair = CategoryCalibration(
+        prior, 50, mean, dict.fromkeys(NAMES, 0.2), line, replace(line, intercept=-0.9), SIDES,
+        {name: Widening(wider, factors) for name in QUANTITIES},
     )  # fmt: skip
+    return Calibration({"chair": chair}, {"program": "none"})
 
 
 def objects(count: int, seed: int = 0, tail: float = 0.0) -> list[Judged]:
@@ -37,13 +38,13 @@ def objects(count: int, seed: int = 0, tail: float = 0.0) -> list[Judged]:
         root = rng.normal(size=(9, 9)) * 0.005
         marginals = root @ root.T + 1e-6 * np.eye(9)
         extents, sides = rng.uniform(0.4, 1.6, 3), rng.uniform(size=(3, 2))
-        matrix = SIDES.marginals * marginals + SIDES.matrix(extents, sides)
+        matrix = SIDES.widened(marginals, extents, sides)
         wider = np.exp(tail * (1 - seen) + 0.3 * rng.normal())
         error = wider * np.linalg.cholesky(matrix) @ rng.normal(size=9)
         right = rng.uniform() < 1 / (1 + np.exp(-12 * (seen - 0.4)))
         made.append(
             Judged(
-                ("chair", "table")[i % 2], f"shape {i // 2}", "made up", evidence, bool(right), seen > 0.6,
+                ("chair", "table")[i % 2], f"shape {i // 4}", "made up", evidence, bool(right), seen > 0.6,
                 [(0.9, error), (0.1, error + 1.0)], marginals, extents, sides,
                 {level: float(wider**2) for level in LEVELS},
             )

@@ -22,7 +22,7 @@ def test_a_verdict_is_the_logistic_function_of_the_evidence():
     trust = calibration().trust("chair", "weights", replace(EVIDENCE, seen=0.7))
     assert trust is not None
     z = (0.7 - 0.5) / 0.2
-    odds = 0.5 + 0.1 + 1.5 * z - 1.0 * EVIDENCE.moved / 0.2
+    odds = 0.6 + 1.5 * z - 1.0 * EVIDENCE.moved / 0.2
     assert trust.pose == pytest.approx(1 / (1 + np.exp(-odds)))
     assert trust.shape == pytest.approx(1 / (1 + np.exp(-(odds - 1.5))))
     assert trust.word == "likely"
@@ -50,7 +50,9 @@ def test_a_box_is_widened_by_its_sides_and_by_what_its_evidence_lets_expect():
         LabelledCovariance(1e-4 * np.eye(9), BOX_AXES, "marginals", "chair 1"),
     )
     seen = np.full((3, 2), 0.4)
-    found = known.box("chair", replace(EVIDENCE, seen=0.7), box, seen)
+    found = known.box("chair", "weights", replace(EVIDENCE, seen=0.7), box, seen)
+    assert found is not None
+    assert known.box("chair", "other weights", EVIDENCE, box, seen) is None
     factor = 3.0 * np.exp(0.2 - 0.5)
     expected = factor * (SIDES.marginals * 1e-4 * np.eye(9) + SIDES.matrix(box.extents, seen))
     np.testing.assert_allclose(found.covariance.matrix, expected)
@@ -73,25 +75,28 @@ def test_a_file_comes_back_as_it_was(tmp_path):
 @pytest.mark.parametrize(
     "damage",
     [
-        lambda d: d.update(version=2),
-        lambda d: d.pop("mean"),
-        lambda d: d["mean"].pop("seen"),
-        lambda d: d["spread"].update(seen=0.0),
-        lambda d: d["pose"]["weights"].update(colour=1.0),
-        lambda d: d["pose"].update(intercept="x"),
-        lambda d: d["widening"].pop("surface"),
-        lambda d: d["widening"]["box"]["factors"].update({"95": -1.0}),
-        lambda d: d["widening"]["box"].pop("line"),
-        lambda d: d["sides"].pop("chair"),
-        lambda d: d["sides"]["chair"].update(seen=-0.1),
-        lambda d: d.update(priors=[1]),
-        lambda d: d.update(colour=1),
+        lambda d, c: d.update(version=2),
+        lambda d, c: d.update(categories=[1]),
+        lambda d, c: d.update(colour=1),
+        lambda d, c: d["categories"].update(sofa=3),
+        lambda d, c: c.pop("mean"),
+        lambda d, c: c["mean"].pop("seen"),
+        lambda d, c: c["spread"].update(seen=0.0),
+        lambda d, c: c["pose"]["weights"].update(colour=1.0),
+        lambda d, c: c["pose"].update(intercept="x"),
+        lambda d, c: c["widening"].pop("surface"),
+        lambda d, c: c["widening"]["box"]["factors"].update({"95": -1.0}),
+        lambda d, c: c["widening"]["box"].pop("line"),
+        lambda d, c: c["sides"].pop("seen"),
+        lambda d, c: c["sides"].update(seen=-0.1),
+        lambda d, c: c.update(prior=1),
+        lambda d, c: c.update(colour=1),
     ],
 )
 def test_a_damaged_file_is_named(tmp_path, damage):
     path = tmp_path / "c.json"
     document = json.loads(calibration().to_bytes())
-    damage(document)
+    damage(document, document["categories"]["chair"])
     path.write_text(json.dumps(document))
     with pytest.raises(CovarianceError, match=r"c\.json: no calibration of this version"):
         load_calibration(path)
@@ -124,15 +129,13 @@ def test_verdicts_that_are_none_are_refused(values):
 
 def test_the_shipped_one_is_of_the_shipped_priors():
     known = shipped_calibration()
-    assert set(known.priors) == {"chair", "table"}
-    for category, digest in known.priors.items():
-        assert load_prior(category).card["sha256"] == digest
-        assert known.objects[category] >= 100
-    # what is seen more is trusted more, and is known better
-    for category in known.priors:
+    assert set(known.categories) == {"chair", "table"}
+    for category, of in known.categories.items():
+        assert load_prior(category).card["sha256"] == of.prior
+        assert of.objects >= 100
+        # what is seen more is trusted more, and is known better
         some, more = (replace(EVIDENCE, seen=share) for share in (0.3, 0.7))
-        assert (
-            known.trust(category, known.priors[category], some).pose
-            < known.trust(category, known.priors[category], more).pose
-        )
-        assert known.factor("box", category, some) > known.factor("box", category, more)
+        assert of.trust(some, "").pose < of.trust(more, "").pose
+        assert of.factor("box", some) > of.factor("box", more)
+        assert of.sides.seen < 0.02
+        assert of.sides.unseen > 0.05

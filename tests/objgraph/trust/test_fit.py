@@ -8,7 +8,7 @@ from scipy.stats import chi2
 
 from objgraph.covariance.box_modes import factor_needed
 from objgraph.errors import CovarianceError
-from objgraph.trust.calibration import LEVELS, widened
+from objgraph.trust.calibration import LEVELS
 from objgraph.trust.fit import Judged, fit, held_out
 from tests.objgraph.trust.calibrations import SIDES, objects
 
@@ -21,7 +21,7 @@ def fitted():
 
 
 def test_the_sides_misfit_is_found():
-    found = fit(objects(600), PRIORS, {}).sides["chair"]
+    found = fit(objects(600), PRIORS, {}).categories["chair"].sides
     assert found.seen == pytest.approx(SIDES.seen, rel=0.25)
     assert found.unseen == pytest.approx(SIDES.unseen, rel=0.25)
     assert 1.0 < found.marginals < 9.0
@@ -33,10 +33,11 @@ def test_sets_hold_what_they_say_on_other_objects(fitted, level):
     fresh, share = objects(1500, seed=1, tail=1.5), float(level) / 100
     held, covered = [], []
     for each in fresh:
-        matrix = widened(fitted.sides[each.category], each.marginals, each.extents, each.seen_sides)
+        of = fitted.categories[each.category]
+        matrix = of.sides.widened(each.marginals, each.extents, each.seen_sides)
         needed = factor_needed(each.modes, matrix, float(chi2.ppf(share, 9)))
-        held.append(needed <= fitted.factor("box", each.category, each.evidence, level))
-        covered.append(each.surface[level] <= fitted.factor("surface", each.category, each.evidence, level))
+        held.append(needed <= of.factor("box", each.evidence, level))
+        covered.append(each.surface[level] <= of.factor("surface", each.evidence, level))
     assert np.mean(held) == pytest.approx(share, abs=0.05)
     assert np.mean(covered) == pytest.approx(share, abs=0.05)
 
@@ -55,7 +56,9 @@ def test_verdicts_are_probabilities(fitted):
 
 def test_objects_that_are_seen_less_are_widened_more(fitted):
     seen = objects(1)[0].evidence
-    factors = [fitted.factor("box", "chair", replace(seen, seen=share)) for share in (0.2, 0.5, 0.8)]
+    factors = [
+        fitted.categories["chair"].factor("box", replace(seen, seen=share)) for share in (0.2, 0.5, 0.8)
+    ]
     assert factors == sorted(factors, reverse=True)
 
 
@@ -63,7 +66,7 @@ def test_held_out_figures_are_of_folds_that_share_no_shape(monkeypatch):
     """A shape's two objects are judged by a fit that saw neither."""
     from objgraph.trust import fit as module
 
-    made, seen = objects(80), []
+    made, seen = objects(160), []
     true = module._fitted
 
     def watched(table, chosen):
@@ -73,37 +76,47 @@ def test_held_out_figures_are_of_folds_that_share_no_shape(monkeypatch):
     monkeypatch.setattr(module, "_fitted", watched)
     entries = held_out(made, seed=3)
     assert [entry["of"] for entry in entries] == ["all", "chair", "table", "made up"]
-    assert [entry["objects"] for entry in entries] == [80, 40, 40, 80]
-    shapes = np.array([each.shape for each in made])
-    assert len(seen) == 10
-    assert all(set(shapes[chosen]).isdisjoint(shapes[~chosen]) for chosen in seen)
-    np.testing.assert_array_equal(np.sum([~chosen for chosen in seen], axis=0), 1)
+    assert [entry["objects"] for entry in entries] == [160, 80, 80, 160]
+    assert len(seen) == 20
+    for category, folds in (("chair", seen[:10]), ("table", seen[10:])):
+        shapes = np.array([each.shape for each in made if each.category == category])
+        assert all(set(shapes[chosen]).isdisjoint(shapes[~chosen]) for chosen in folds)
+        np.testing.assert_array_equal(np.sum([~chosen for chosen in folds], axis=0), 1)
 
 
 def test_a_mask_with_a_neighbour_in_it_does_not_speak_for_all():
     """One object in ten a metre off leaves the sides' misfit nearly as it was."""
     made = objects(400)
     stray = [replace(o, modes=[(1.0, o.modes[0][1] + np.r_[0, 0, 0, 1, 1, 1, 0, 0, 0])]) for o in made[::10]]
-    found = fit([*made, *stray], PRIORS, {}).sides["table"]
+    found = fit([*made, *stray], PRIORS, {}).categories["table"].sides
     assert found.seen < 2 * SIDES.seen
     assert found.unseen < 1.5 * SIDES.unseen
 
 
-def few() -> list[Judged]:
-    return objects(39)
+def of_chairs(**changes) -> list[Judged]:
+    return [replace(each, category="chair", **changes) for each in objects(60)]
 
 
 @pytest.mark.parametrize(
-    ("made", "message"),
+    "made",
     [
-        (few, "39 objects are too few"),
-        (lambda: [replace(o, pose_right=True) for o in objects(60)], "the pose is right, or of all wrong"),
-        (
-            lambda: [replace(o, category="chair" if i else "stool") for i, o in enumerate(objects(60))],
-            "too few",
-        ),
+        objects(60)[:39],
+        of_chairs(pose_right=True),
+        of_chairs(pose_right=False),
+        of_chairs(shape_right=True),
+        [replace(o, modes=[(1.0, o.modes[0][1] + np.eye(9)[1])]) for o in of_chairs()],
+        [],
     ],
 )
-def test_what_cannot_be_calibrated_says_why(made, message):
-    with pytest.raises(CovarianceError, match=message):
-        fit(made(), PRIORS, {})
+def test_what_cannot_be_calibrated_says_what_is_due(made):
+    with pytest.raises(CovarianceError, match=r"no category has enough objects .*at least 40 are due"):
+        fit(made, PRIORS, {})
+
+
+def test_a_category_of_too_few_objects_is_left_out_and_told():
+    found = fit([*of_chairs(), *objects(60)[1::2]], PRIORS, {"seed": 1})
+    assert set(found.categories) == {"chair"}
+    assert found.categories["chair"].objects == 60
+    assert found.made["too_few"] == {"table": 30}
+    assert found.made["seed"] == 1
+    assert [entry["objects"] for entry in found.made["held_out"]] == [60, 60, 60]

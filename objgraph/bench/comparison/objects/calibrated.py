@@ -9,7 +9,7 @@ from objgraph.bench.comparison.objects.judged import METHOD, judged
 from objgraph.bench.comparison.objects.rows import ObjectRow
 from objgraph.covariance.box_modes import EVERY_AXIS, HEADING_AXIS, factor_needed
 from objgraph.covariance.quantile import squared_limit
-from objgraph.trust.calibration import LEVELS, Calibration, widened
+from objgraph.trust.calibration import LEVELS, Calibration, CategoryCalibration
 from objgraph.trust.fit import Judged
 
 MEASURED = (
@@ -26,16 +26,15 @@ def of_rows(rows: Sequence[ObjectRow], known: Calibration) -> dict[str, Float[np
     found: list[dict[str, float]] = []
     for row in rows:
         usable = row.method == METHOD and None not in (row.evidence, row.box_modes, row.surface_error)
-        known_prior = known.priors.get(row.category) == row.prior
-        found.append(_of(row, judged([row])[0], known) if usable and known_prior else {})
+        of = known.of(row.category, row.prior)
+        found.append(_of(row, judged([row])[0], of) if usable and of is not None else {})
     names = sorted({name for each in found for name in each})
     return {name: np.array([each.get(name, np.nan) for each in found]) for name in names}
 
 
-def _of(row: ObjectRow, each: Judged, known: Calibration) -> dict[str, float]:
-    trust = known.trust(row.category, row.prior, each.evidence)
-    assert trust is not None
-    matrix = widened(known.sides[row.category], each.marginals, each.extents, each.seen_sides)
+def _of(row: ObjectRow, each: Judged, known: CategoryCalibration) -> dict[str, float]:
+    trust = known.trust(each.evidence, "")
+    matrix = known.sides.widened(each.marginals, each.extents, each.seen_sides)
 
     def holds(level: str, axes: tuple[int, ...], factor: float) -> float:
         return float(
@@ -43,7 +42,7 @@ def _of(row: ObjectRow, each: Judged, known: Calibration) -> dict[str, float]:
         )
 
     def factor(quantity: str, level: str) -> float:
-        return known.factor(quantity, row.category, each.evidence, level)
+        return known.factor(quantity, each.evidence, level)
 
     figures = {f"coverage{level}_sides": holds(level, EVERY_AXIS, 1.0) for level in LEVELS}
     figures |= {
