@@ -74,8 +74,7 @@ def _evaluate(arguments: list[str], console: "Console") -> None:
 def _calibrate(arguments: list[str], console: "Console") -> None:
     """Learn from objects with ground truth how far maps are to be trusted: verdicts, and sets that hold what they say.
 
-    $ objgraph evaluate --difficulty hard --objects 24 --methods graph@own --seed 5 --out out/hard --jobs 2
-    $ objgraph calibrate out/hard --out out/calibration.json
+    $ objgraph calibrate out/hard out/everyday --out out/calibration.json
     """
     from objgraph.cli.calibrate import CalibrateCommand, run_calibrate
 

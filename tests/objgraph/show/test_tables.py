@@ -17,6 +17,7 @@ from objgraph.maps.mapped_object import MappedObject
 from objgraph.maps.object_map import ObjectMap
 from objgraph.show import summary
 from objgraph.show.tables import map_table
+from objgraph.trust.verdict import Trust
 
 UP = np.array([0.0, 0.0, 1.0])
 Y_UP_TO_Z_UP = Rotation.from_euler("x", 90, degrees=True)
@@ -86,6 +87,7 @@ def example() -> ObjectMap:
         scale=np.ones(3),
         code=np.zeros(2),
         covariance=covariance,
+        trust=Trust(0.55, 0.3, ("little of its surface is seen", "two headings fit")),
         cost_initial=4210.2,
         cost_final=312.77,
         seconds=4.34,
@@ -143,7 +145,7 @@ def test_what_is_printed_is_the_calibrated_box_and_the_raw_is_marked():
     raw = replace(table, covariance=wider)
     printed = text(map_table(ObjectMap("room", (boxed, raw, lost), UP)))
     lines = printed.splitlines()
-    (row,) = [line for line in lines if "chair [r]" in line]
+    (row,) = [line for line in lines if "1 chair [r]" in line]
     assert "1.10±0.200, 2.20±0.600, 0.60±0.400" in row
     assert "90±2.3" in row
     assert "~" not in row
@@ -157,16 +159,18 @@ def test_what_is_printed_is_the_calibrated_box_and_the_raw_is_marked():
 
 def test_the_map_table_shows_every_number_in_its_unit():
     lines = text(map_table(example())).splitlines()
-    (chair,) = [line for line in lines if "chair [r]" in line]
+    (chair,) = [line for line in lines if "1 chair [r]" in line]
     for piece in (
         "0.61x0.92x0.58",
         "~1.00±0.100, 2.00±0.300, 0.50±0.200",
         "90±1.1",
-        "4210 -> 312.8",
+        "doubtful",
         " 3 ",
         "4.3",
     ):
         assert piece in chair
+    assert any("55 %" in line for line in lines)
+    assert any("chair [r] 1 doubtful: little of its surface is seen; two headings fit" in line for line in lines)
     assert any("chair 3 failed: 12 [px] seen" in line for line in lines)
     assert "room [a]: 2 of 3 objects mapped" in lines[0]
 
