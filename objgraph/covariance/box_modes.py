@@ -75,8 +75,8 @@ def factor_needed(
 ) -> float:
     """Least factor on all covariances at which the set of a mixture holds a box.
 
-    The set is where d^2 - 2 log(probability) is at most `radius` for one of the modes, d the Mahalanobis distance from it: of
-    one Gaussian its ellipsoid. A mode whose probability alone takes it beyond has no part in it.
+    The set is where d^2 - 2 log(p / p_likeliest) is at most `radius` for one of the modes, d the Mahalanobis distance from it and p
+    its probability: of one Gaussian its ellipsoid. A mode whose probability alone takes it beyond has no part in it.
 
     Args:
         modes: of each its probability, and the error from it to the box in the axes of the estimate's (`BoxMode.axes`).
@@ -85,9 +85,9 @@ def factor_needed(
         axes: which of `BOX_AXES` are asked for.
     """
     information = np.linalg.inv(np.asarray(covariance)[np.ix_(axes, axes)])
-    needed = np.inf
+    needed, likeliest = np.inf, max(probability for probability, _ in modes)
     for probability, error in modes:
-        left = radius + 2 * np.log(max(probability, 1e-300))
+        left = radius + 2 * np.log(max(probability / likeliest, 1e-300))
         if left > 0:
             some = np.asarray(error)[list(axes)]
             needed = min(needed, float(some @ information @ some) / left)

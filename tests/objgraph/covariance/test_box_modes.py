@@ -98,8 +98,12 @@ def test_the_set_of_a_mixture_is_where_one_of_its_modes_is_near(probability, far
         assert near == pytest.approx(RADIUS) or factor == pytest.approx(100**2 * far**2 / RADIUS)
 
 
-def test_modes_that_can_have_no_part_leave_nothing():
-    assert factor_needed([(1e-300, np.ones(9)), (0.0, np.zeros(9))], covariance(), RADIUS) == np.inf
+def test_the_likeliest_mode_has_a_part_at_every_level():
+    error = np.full(9, 0.01)
+    alone = factor_needed([(1.0, error)], covariance(), 0.1)
+    assert factor_needed(
+        [(0.3, error), (0.2, np.ones(9)), (0.0, np.zeros(9))], covariance(), 0.1
+    ) == pytest.approx(alone)
 
 
 def test_draws_of_a_mixture_lie_in_its_set_at_least_as_often_as_it_says():

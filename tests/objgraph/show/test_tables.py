@@ -170,7 +170,9 @@ def test_the_map_table_shows_every_number_in_its_unit():
     ):
         assert piece in chair
     assert any("55 %" in line for line in lines)
-    assert any("chair [r] 1 doubtful: little of its surface is seen; two headings fit" in line for line in lines)
+    assert any(
+        "chair [r] 1 doubtful: little of its surface is seen; two headings fit" in line for line in lines
+    )
     assert any("chair 3 failed: 12 [px] seen" in line for line in lines)
     assert "room [a]: 2 of 3 objects mapped" in lines[0]
 
