@@ -26,7 +26,7 @@ class Column(NamedTuple):
 
 
 _COLUMNS = (
-    Column("object", "object", "", 0), Column("status", "status", "", 0), Column("right", "right", "%", 0), Column("size", "w x h x d", "m", 2),
+    Column("object", "object", "", 0), Column("status", "status", "", 0), Column("size", "w x h x d", "m", 2),
     Column("centre_sigma", "centre ±", "cm", 1), Column("heading_sigma", "heading ±", "deg", 1),
     Column("surface_sigma", "surface ±", "cm", 1), Column("other", "other headings", "%", 0),
     Column("views", "views", "", 0), Column("seconds", "time", "s", 1),
@@ -46,10 +46,10 @@ def columns_of(errors: Mapping[int, Any]) -> list[Column]:
 def object_row(entry: MappedObject, up_world: Float[np.ndarray, "3"]) -> dict[str, Any]:
     """An object's figures by column, in the columns' units; what is not known is left out."""
     covariance = entry.covariance if entry.box_covariance is None else entry.box_covariance
-    row: dict[str, Any] = {"object": name_of(entry), "status": entry.status}
+    trust = entry.trust
+    verdict = entry.status if trust is None else f"{trust.word}, {trust.percent} %"
+    row: dict[str, Any] = {"object": name_of(entry), "status": verdict}
     row |= {"views": len(entry.views), "seconds": entry.seconds}
-    if entry.trust is not None:
-        row["right"] = 100 * entry.trust.pose
     if entry.size_m is not None:
         row["size"] = " x ".join(f"{edge:.2f}" for edge in entry.size_m)
     if entry.T_world_object is not None and covariance is not None:

@@ -104,7 +104,7 @@ def _right(entry: MappedObject) -> Text:
     """The verdict, a word and a number."""
     if entry.trust is None:
         return Text(NONE)
-    return Text(f"{entry.trust.word}\n{100 * entry.trust.pose:.0f} %", style=_COLORS[entry.trust.word])
+    return Text(f"{entry.trust.word}\n{entry.trust.percent} %", style=_COLORS[entry.trust.word])
 
 
 def _status(entry: MappedObject) -> Text:

@@ -51,5 +51,10 @@ class Trust:
         """`sure`, `likely`, `doubtful` or `poor`."""
         return next(word for least, word in WORDS if self.pose >= least)
 
+    @property
+    def percent(self) -> int:
+        """The pose's probability as it is shown: never whole."""
+        return min(max(round(100 * self.pose), 1), 99)
+
     def to_json(self) -> dict[str, object]:
         return {**asdict(self), "why": list(self.why)}

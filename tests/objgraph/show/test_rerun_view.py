@@ -136,8 +136,8 @@ def test_the_table_and_each_object_s_text_say_what_the_page_says(saved, tmp_path
         assert entry.size_m is not None
         size = " x ".join(f"{edge:.2f}" for edge in entry.size_m)
         assert entry.trust is not None
-        right = f"{100 * entry.trust.pose:.0f}"
-        assert f"| {entry.category} {entry.id} | mapped | {right} | {size} |" in table
+        verdict = f"{entry.trust.word}, {entry.trust.percent} %"
+        assert f"| {entry.category} {entry.id} | {verdict} | {size} |" in table
     assert "- table 9: seen in 12 pixels" in table
     assert "seen in 12 pixels" in found.text("/world/objects/table_9")
     assert "may stand turned by" in found.text("/world/objects/trash_bin_2")

@@ -114,6 +114,7 @@ def test_what_is_no_calibration_is_named(tmp_path, content):
 @given(st.floats(0, 1))
 def test_words_follow_the_probability(pose):
     word = Trust(pose, 0.5).word
+    assert 1 <= Trust(pose, 0.5).percent <= 99
     assert word == (
         "sure" if pose >= 0.9 else "likely" if pose >= 0.7 else "doubtful" if pose >= 0.4 else "poor"
     )
