@@ -1,7 +1,7 @@
 """Scans in, maps of objects out, on disk and back."""
 
 from objgraph.estimate.task import Estimate
-from objgraph.maps.entry import map_entry
+from objgraph.maps.entry import map_entry, with_trust
 from objgraph.maps.lidar import LidarMappingConfig, map_lidar
 from objgraph.maps.mapped_object import MappedObject
 from objgraph.maps.object_map import ObjectMap
@@ -18,4 +18,5 @@ __all__ = [
     "map_scan",
     "scene_floor",
     "scene_points",
+    "with_trust",
 ]

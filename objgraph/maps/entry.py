@@ -1,38 +1,38 @@
 """From an estimate to an object of the map: its mesh, what is known of it, and where it is from."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Float
 
 from factors.state import ObjectState
-from objgraph.covariance.box import BoxPose, box_pose
+from objgraph.covariance.box import box_pose
 from objgraph.covariance.heading_modes import HeadingModes
 from objgraph.covariance.surface import surface_sigma
 from objgraph.errors import SolveError
 from objgraph.estimate.task import Estimate, EstimationTask
 from objgraph.maps.mapped_object import MappedObject, PriorReference
 from objgraph.observation.frames import Instance
+from objgraph.observation.sampling import ObjectView
 from objgraph.priors.mesh import extract_mesh
 from objgraph.priors.shape_prior import ShapePrior
 from objgraph.trust.calibration import Calibration
 from objgraph.trust.evidence import evidence_of
-from objgraph.trust.verdict import Trust
 
 
 def map_entry(
     instance: Instance,
-    task: EstimationTask,
+    prior: ShapePrior,
     estimate: Estimate,
+    views: Sequence[ObjectView],
     resolution: int = 64,
-    calibration: Calibration | None = None,
 ) -> MappedObject:
     """The object as the map has it, its mesh cut at `resolution` cells along an edge of the canonical cube.
 
     Raises:
         SolveError: the estimate has no covariance, or the code no surface.
     """
-    prior, views = task.prior, task.views
     state, covariance = estimate.state, estimate.covariance
     if covariance is None:
         raise SolveError(
@@ -40,8 +40,6 @@ def map_entry(
         )
     mesh = extract_mesh(prior.decoder, state.code, resolution=resolution)
     vertices = np.asarray(mesh.vertices)
-    known = None if calibration is None else _calibrated(task, estimate, vertices, calibration)
-    trust, box = (None, None) if known is None else known
     return MappedObject(
         instance.id,
         instance.category,
@@ -58,10 +56,6 @@ def map_entry(
         views=tuple(view.frame for view in views),
         cameras=np.array([view.T_world_camera.matrix() for view in views]),
         size_m=state.scale * mesh.extents,
-        box_centre=None if box is None else box.T_world_box.translation(),
-        box_extents=None if box is None else box.extents,
-        box_covariance=None if box is None else box.covariance.matrix,
-        trust=trust,
         turns=None if estimate.turns is None else estimate.turns.probability,
         turned=None if estimate.turns is None else _turned(state, estimate.turns),
         prior=_reference(prior),
@@ -72,23 +66,31 @@ def map_entry(
     )
 
 
-def _calibrated(
-    task: EstimationTask, estimate: Estimate, p_object: Float[np.ndarray, "v 3"], calibration: Calibration
-) -> tuple[Trust, BoxPose] | None:
-    """The verdict, and the box with its covariance; None where nothing was measured of such objects."""
+def with_trust(
+    entry: MappedObject, task: EstimationTask, estimate: Estimate, calibration: Calibration
+) -> MappedObject:
+    """An entry of `map_entry` with a verdict and the box with its calibrated covariance; as it is where the calibration knows
+    nothing of such objects."""
     prior, state, covariance = task.prior, estimate.state, estimate.covariance
-    if covariance is None or covariance.source != "marginals":
-        return None
-    evidence, sides = evidence_of(task, estimate, state.to_world(p_object))
+    if covariance is None or covariance.source != "marginals" or entry.vertices is None:
+        return entry
+    evidence, sides = evidence_of(task, estimate, entry.vertices)
     of = prior.category, str(prior.card.get("sha256", "unknown"))
     trust = calibration.trust(*of, evidence)
-    box = calibration.box(*of, evidence, box_pose(prior, state, covariance, p_object), sides)
+    raw = box_pose(prior, state, covariance, state.to_object(entry.vertices))
+    box = calibration.box(*of, evidence, raw, sides)
     if trust is None or box is None:
-        return None
+        return entry
+    matrix = box.covariance.matrix
     if estimate.turns is not None:
-        moment = estimate.turns.second_moment(box.extents)
-        box = replace(box, covariance=replace(box.covariance, matrix=box.covariance.matrix + moment))
-    return trust, box
+        matrix = matrix + estimate.turns.second_moment(box.extents)
+    return replace(
+        entry,
+        trust=trust,
+        box_centre=box.T_world_box.translation(),
+        box_extents=box.extents,
+        box_covariance=matrix,
+    )
 
 
 def _turned(state: ObjectState, turns: HeadingModes) -> Float[np.ndarray, "4 9+l"] | None:

@@ -93,7 +93,7 @@ def _entry(
         if isinstance(result, SolveError):
             raise result
         instance = Instance(detection.id, detection.category)
-        entry = map_entry(instance, task, result, config.mesh_resolution)
+        entry = map_entry(instance, task.prior, result, task.views, config.mesh_resolution)
         return replace(entry, estimator="graph")
     except ObjectGraphError as error:
         return _failed(detection, error)

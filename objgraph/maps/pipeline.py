@@ -22,7 +22,7 @@ from objgraph.geometry.frames import transformed
 from objgraph.graph.builder import GraphConfig, ObjectBuilder
 from objgraph.graph.initialise import InitialisationConfig, first_states
 from objgraph.graph.solve import Problem, SolverConfig
-from objgraph.maps.entry import map_entry
+from objgraph.maps.entry import map_entry, with_trust
 from objgraph.maps.mapped_object import MappedObject
 from objgraph.maps.object_map import ObjectMap
 from objgraph.maps.other_estimate import OtherEstimate
@@ -176,7 +176,8 @@ def map_object(
         estimate = _estimated(main, task)
         other = _beside(rest[0], task) if rest else None
     with clock.stage("mesh"):
-        entry = map_entry(instance, task, estimate, config.mesh_resolution, calibration_of(config))
+        entry = map_entry(instance, prior, estimate, views, config.mesh_resolution)
+        entry = with_trust(entry, task, estimate, calibration_of(config))
     return replace(
         entry,
         estimator="adam" if config.estimator == "adam" else "graph",

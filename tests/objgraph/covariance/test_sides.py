@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from trimesh.remesh import subdivide_to_size
 
 from factors.errors import ObjectGraphError
 from factors.state import ObjectState
@@ -65,7 +66,8 @@ def test_what_lies_near_a_point_was_seen():
 
 
 def surface(state: ObjectState) -> np.ndarray:
-    return state.to_world(np.asarray(toy_mesh(state.code).subdivide_to_size(0.05).vertices))
+    mesh = toy_mesh(state.code)
+    return state.to_world(subdivide_to_size(mesh.vertices, mesh.faces, 0.05)[0])
 
 
 def test_sides_are_those_along_the_object_s_axes():

@@ -27,7 +27,7 @@ from objgraph.graph.builder import ObjectBuilder
 from objgraph.graph.initialise import InitialisationConfig
 from objgraph.graph.solve import SolverConfig, solve
 from objgraph.maps import pipeline as mapping
-from objgraph.maps.entry import map_entry
+from objgraph.maps.entry import map_entry, with_trust
 from objgraph.maps.object_map import ObjectMap
 from objgraph.maps.pipeline import MappingConfig, map_object, map_scan, scene_points
 from objgraph.observation.frames import Instance, Scan
@@ -344,7 +344,9 @@ def test_surfaces_of_the_map_are_as_uncertain_as_the_prior_says():
     covariance = ObjectCovariance.diagonal(np.full(13, 1e-4), "marginals")
     estimate = Estimate(state, covariance, 2.0, 1.0, 1, 1)
     usual, wide = (
-        map_entry(Instance(3, "chair"), task_of(replace(prior, surface_misfit=factor)), estimate, 24)
+        map_entry(
+            Instance(3, "chair"), replace(prior, surface_misfit=factor), estimate, task_of(prior).views, 24
+        )
         for factor in (1.0, 4.0)
     )
     assert usual.vertices is not None
@@ -363,7 +365,9 @@ def test_the_box_has_the_calibrated_covariance_and_a_verdict_or_neither():
     turns = HeadingModes(np.array([0.7, 0.0, 0.3, 0.0]))
     estimate, task = Estimate(state, covariance, 2.0, 1.0, 1, 1, turns), task_of(prior)
     known = calibration(str(prior.card.get("sha256", "unknown")))
-    found = map_entry(Instance(3, "chair"), task, estimate, 24, known)
+    entry = map_entry(Instance(3, "chair"), prior, estimate, task.views, 24)
+    assert entry.box_covariance is entry.trust is None
+    found = with_trust(entry, task, estimate, known)
     assert found.vertices is not None
     evidence, sides = evidence_of(task, estimate, found.vertices)
     raw = box_pose(prior, state, covariance, state.to_object(found.vertices))
@@ -387,9 +391,8 @@ def test_the_box_has_the_calibrated_covariance_and_a_verdict_or_neither():
     np.testing.assert_array_equal(found.covariance, covariance.rigid)
     by_adam = replace(estimate, covariance=ObjectCovariance.diagonal(np.full(13, 1e-4), "adam"))
     for other in (
-        map_entry(Instance(3, "chair"), task, estimate, 24),
-        map_entry(Instance(3, "chair"), task, estimate, 24, calibration("other weights")),
-        map_entry(Instance(3, "chair"), task, by_adam, 24, known),
+        with_trust(entry, task, estimate, calibration("other weights")),
+        with_trust(entry, task, by_adam, known),
     ):
         assert other.box_covariance is other.trust is None
         assert other.box_modes == ()

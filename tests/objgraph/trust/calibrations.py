@@ -19,7 +19,7 @@ def calibration(prior: str = "weights") -> Calibration:
     line = Line(0.6, {**zero, "seen": 1.5, "moved": -1.0})
     wider = Line(0.2, {**zero, "seen": -0.5})
     mean = {**zero, "seen": 0.5, "heading": 0.9}
-    factors = dict(zip(LEVELS, (1.0, 2.0, 3.0), strict=True))
+    factors: dict[str, float] = dict(zip(LEVELS, (1.0, 2.0, 3.0), strict=True))
     chair = CategoryCalibration(
         prior, 50, mean, dict.fromkeys(NAMES, 0.2), line, replace(line, intercept=-0.9), SIDES,
         {name: Widening(wider, factors) for name in QUANTITIES},

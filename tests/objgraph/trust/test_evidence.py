@@ -5,6 +5,7 @@ from dataclasses import replace
 import gtsam
 import numpy as np
 import pytest
+from trimesh.remesh import subdivide_to_size
 
 from objgraph.covariance.heading_modes import HeadingModes
 from objgraph.covariance.labelled import ObjectCovariance
@@ -26,7 +27,8 @@ def found(state=STATE, azimuths=AROUND, turns=None, **changes) -> tuple[Evidence
     views = tuple(observe(toy_frame([STATE], azimuth, f"f{azimuth}"), 1, SAMPLING) for azimuth in azimuths)
     task = EstimationTask("chair 1", toy_prior(), (STATE,), views, UP, **changes)
     covariance = ObjectCovariance.diagonal(np.full(13, 1e-4), "marginals")
-    vertices = np.asarray(toy_mesh(state.code).subdivide_to_size(0.05).vertices)
+    mesh = toy_mesh(state.code)
+    vertices = subdivide_to_size(mesh.vertices, mesh.faces, 0.05)[0]
     return evidence_of(task, Estimate(state, covariance, 2.0, 1.0, 1, 1, turns), state.to_world(vertices))
 
 

@@ -126,7 +126,7 @@ def _box(row: ObjectRow) -> _Box:
 def _surfaces(rows: Sequence[ObjectRow]) -> dict[str, Float[np.ndarray, "n"]]:
     """Figures of each object's surface; NaN where there are none, or the object is not well reconstructed."""
     found = [_surface(row) if row.well_reconstructed else {} for row in rows]
-    names = ["pearson_surface", "spearman_surface", "surface_nees", "surface_nll"]
+    names = ["pearson_surface", "pearson_binned", "spearman_surface", "surface_nees", "surface_nll"]
     names += [f"surface_coverage{100 * level:.0f}" for level in LEVELS]
     return {name: np.array([one.get(name) for one in found], dtype=float) for name in names}
 
@@ -143,6 +143,7 @@ def _surface(row: ObjectRow) -> dict[str, float | None]:
     }
     return {
         "pearson_surface": row.pearson,
+        "pearson_binned": row.pearson_binned,
         "spearman_surface": row.spearman,
         "surface_nees": float(np.mean(z**2)),
         "surface_nll": float(np.mean(nll)),
