@@ -76,6 +76,7 @@ def evidence_of(
     share = np.concatenate([view.points_share for view in task.views])
     measured = np.isfinite(points).all(axis=1)
     points, share = points[measured], share[measured]
+    away = np.abs(_distance(prior, state, points)) > OFF_M
     start = task.starts[0].T_world_object.translation()
     seen = seen_vertices(vertices_world, points)
     stands = task.floor is not None and prior.feet is not None
@@ -84,7 +85,7 @@ def evidence_of(
         heading=1.0 if estimate.turns is None else float(estimate.turns.probability[0]),
         guess=max(task.chances, default=1.0),
         moved=float(np.linalg.norm(state.T_world_object.translation() - start)) / diagonal,
-        off=float(np.average(np.abs(_distance(prior, state, points)) > OFF_M, weights=share)),
+        off=float(share @ away / max(share.sum(), 1e-9)),
         through=_through(prior, state, task.views) / diagonal,
         size=abs(float(np.log(diagonal / prior.size_mean))) / prior.size_log_sigma,
     )

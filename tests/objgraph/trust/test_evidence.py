@@ -57,6 +57,17 @@ def test_an_estimate_beside_what_is_seen_is_off_and_stands_in_free_space():
     assert bad.seen < good.seen
 
 
+def test_who_saw_no_point_has_seen_nothing():
+    view = observe(toy_frame([STATE], 0.3), 1, SAMPLING)
+    blind = replace(view, points_camera=np.full((5, 3), np.nan), points_sigma=np.ones(5))
+    task = EstimationTask("chair 1", toy_prior(), (STATE,), (blind,), UP)
+    covariance = ObjectCovariance.diagonal(np.full(13, 1e-4), "marginals")
+    vertices = STATE.to_world(np.asarray(toy_mesh(STATE.code).vertices))
+    evidence, sides = evidence_of(task, Estimate(STATE, covariance, 2.0, 1.0, 1, 1), vertices)
+    assert (evidence.seen, evidence.off) == (0.0, 0.0)
+    assert not sides.any()
+
+
 def test_how_far_it_went_is_over_its_diagonal():
     extents = np.ptp(np.asarray(toy_mesh(STATE.code).vertices), axis=0) * STATE.scale
     assert found(moved(0.25))[0].moved == pytest.approx(0.25 / np.linalg.norm(extents), rel=1e-6)
