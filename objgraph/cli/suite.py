@@ -93,7 +93,7 @@ def render(suite: Suite, folder: Path, to: Path) -> Path:
             continue
         for made in (kept, images):
             made.mkdir(parents=True, exist_ok=True)
-        write_json(document, kept / f"{part.name}.json")
+        write_json(_without_place(document), kept / f"{part.name}.json")
         for name in part.pictures:
             if (folder / part.name / name).is_file():
                 shutil.copyfile(folder / part.name / name, images / _picture(part, name))
@@ -152,6 +152,14 @@ def _command(part: Part, command: EvaluateCommand) -> EvaluateCommand:
         **options,
     }
     return replace(command, **given)
+
+
+def _without_place(document: dict[str, Any]) -> dict[str, Any]:
+    """The figures with their meshes' folder by its name alone: a page that is published says nothing of one machine."""
+    data = document.get("data")
+    if not isinstance(data, dict) or not isinstance(data.get("meshes"), str):
+        return document
+    return document | {"data": data | {"meshes": Path(data["meshes"]).name}}
 
 
 def _document(path: Path) -> dict[str, Any] | None:

@@ -81,6 +81,14 @@ def test_parts_run_in_their_folders_and_what_has_no_data_is_left_out(tmp_path, c
     assert page.count("Not run.") == len(parts("quick")) - 3
 
 
+def test_what_is_kept_names_no_place_of_one_machine(tmp_path):
+    put(tmp_path, "hard-families", document() | {"data": {"meshes": str(tmp_path / "cad2"), "seed": 5}})
+    render("docs", tmp_path, tmp_path / "docs")
+    kept = (tmp_path / "docs" / "results" / "hard-families.json").read_text()
+    assert json.loads(kept)["data"] == {"meshes": "cad2", "seed": 5}
+    assert str(tmp_path) not in kept
+
+
 def test_the_page_is_made_of_the_json_alone(tmp_path):
     put(tmp_path, "hard-families", document())
     (tmp_path / "hard-families" / "pose_over_faults.png").write_bytes(b"a picture")
