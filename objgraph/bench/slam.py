@@ -1,12 +1,12 @@
 """How well objects hold cameras: drifting odometry, no loop closures but the furniture itself, over many draws of noise.
 
     python -m objgraph.bench.slam --out out/slam --seeds 20 --jobs 2
-    python -m objgraph.bench.slam --out out/kitchen --dataset sevenscenes --root DIR --stride 4
+    python -m objgraph.bench.slam --out out/kitchen --dataset sevenscenes --root DIR --stride 4 --reference depth
 
 A camera walks twice about a furnished room. The pose graph is plain GTSAM: a prior on the first camera and odometry
 that drifts by 2 % of the distance and 1 degree a metre. Then each object is one more variable of that same graph, seen
 from the camera's keys, and ties the second lap to the first. The same with a scan of your own: its poses are the truth,
-and only the odometry that is drawn from them reaches the graph.
+or those that its depth images have among themselves, and only the odometry that is drawn from them reaches the graph.
 """
 
 import json
@@ -16,18 +16,20 @@ from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass, replace
 from multiprocessing import get_context
 from pathlib import Path
+from typing import Any, Literal
 
 import gtsam
 import matplotlib.pyplot as plt
 import numpy as np
 import tyro
 from gtsam.symbol_shorthand import X
-from rich.progress import track
+from rich.progress import Progress, track
 from scipy.stats import chi2
 
 from objgraph.atomic import write_file
+from objgraph.bench.dense_reference import dense_reference
 from objgraph.datasets.registry import load_scan
-from objgraph.datasets.trajectory import Trajectory, absolute_trajectory_error, write_tum
+from objgraph.datasets.trajectory import Trajectory, absolute_trajectory_error, read_tum, write_tum
 from objgraph.errors import InitialisationError, ObservationError
 from objgraph.graph.object_graph import ObjectGraph
 from objgraph.maps.pipeline import scene_floor
@@ -63,6 +65,8 @@ class Arguments:
     """The scan, where the folder has several."""
     stride: int = 1
     """Of the scan, every how manyth frame."""
+    reference: Literal["given", "depth"] = "given"
+    """What counts as the truth: the scan's own poses, or those by registration of whole depth images with each other."""
 
 
 class OdometryFrames(FrameSource):
@@ -121,11 +125,36 @@ def add_objects(
     return objects
 
 
-def run(arguments: Arguments, seed: int) -> tuple[dict[str, float], dict[str, Trajectory]]:
+def reference(arguments: Arguments, scan: Scan) -> tuple[Trajectory, dict[str, float]]:
+    """What odometry is drawn from and estimates are compared with, and how well it is known; kept in `out`."""
+    indices = range(0, len(scan.frames), arguments.stride)
+    given = [rigid_pose(scan.frames[i], "the truth").matrix() for i in indices]
+    trajectory = Trajectory(np.arange(len(indices), dtype=float), np.stack(given))
+    path, before = arguments.out / "reference.txt", _document(arguments)
+    if arguments.reference == "given":
+        return trajectory, {}
+    if path.exists() and "reference" in before:
+        return read_tum(path), before["reference"]
+    frames = [scan.frames[i] for i in track(indices, "reading frames")]
+    with Progress() as bar:
+        task = bar.add_task("registering frames", total=len(frames))
+        found = dense_reference(frames, lambda done, _: bar.update(task, completed=done))
+    dense = Trajectory(trajectory.timestamps, found.T_world_camera)
+    write_tum(path, dense)
+    facts = {
+        "pairs": found.pairs,
+        "spread_m": found.spread_m,
+        "given_spread_m": found.given_spread_m,
+        "ate_given_m": absolute_trajectory_error(trajectory, dense),
+    }
+    return dense, facts
+
+
+def run(arguments: Arguments, seed: int, true: Trajectory) -> tuple[dict[str, float], dict[str, Trajectory]]:
     scan = scan_of(arguments)
     indices = range(0, len(scan.frames), arguments.stride)
-    times = np.arange(len(indices), dtype=float)
-    truth = [rigid_pose(scan.frames[i], "the truth") for i in indices]
+    times = true.timestamps
+    truth = [gtsam.Pose3(gtsam.Rot3.ClosestTo(T[:3, :3]), T[:3, 3]) for T in true.T_world_camera]
     noise = OdometryNoise()
     graph, values = pose_graph(truth[0], drifting_motions(truth, noise, np.random.default_rng(seed)), noise)
     odometry = [values.atPose3(X(k)) for k in range(len(truth))]
@@ -134,14 +163,16 @@ def run(arguments: Arguments, seed: int) -> tuple[dict[str, float], dict[str, Tr
     objects = add_objects(scan, arguments.objects, graph, values)
     objects.optimize()
     after = Trajectory(times, np.stack([values.atPose3(X(k)).matrix() for k in range(len(truth))]))
-    true = Trajectory(times, np.stack([pose.matrix() for pose in truth]))
     marginals = gtsam.Marginals(graph, values)
     errors = [values.atPose3(X(k)).localCoordinates(pose) for k, pose in enumerate(truth)]
-    squared = [e @ np.linalg.solve(marginals.marginalCovariance(X(k)), e) for k, e in enumerate(errors)][1:]
+    squared = np.array(
+        [e @ np.linalg.solve(marginals.marginalCovariance(X(k)), e) for k, e in enumerate(errors)][1:]
+    )
     metrics = {
         "ate_odometry_m": absolute_trajectory_error(before, true),
         "ate_with_objects_m": absolute_trajectory_error(after, true),
-        "coverage_95": float(np.mean(np.array(squared) < chi2.ppf(0.95, 6))),
+        **{f"coverage_{p}": float(np.mean(squared < chi2.ppf(p / 100, 6))) for p in (50, 90, 95)},
+        "nees_per_dof": float(np.mean(squared)) / 6,
     }
     return metrics, {"truth": true, "odometry": before, "with_objects": after}
 
@@ -167,13 +198,17 @@ def scan_of(arguments: Arguments) -> Scan:
 
 
 def main(arguments: Arguments) -> None:
-    scan_of(arguments)  # what is wrong with it is said here, and a room that is missing is made once
+    scan = scan_of(arguments)  # what is wrong with it is said here, and a room that is missing is made once
     arguments.out.mkdir(parents=True, exist_ok=True)
     rows = finished(arguments)
     missing = [seed for seed in range(arguments.seeds) if seed not in rows]
+    if not missing:
+        print(means(rows))
+        return
+    true, facts = reference(arguments, scan)
     threads = max(1, (os.cpu_count() or 1) // arguments.jobs)
     with ProcessPoolExecutor(arguments.jobs, get_context("spawn"), begin_worker, (threads,)) as pool:
-        running = {pool.submit(run, arguments, seed): seed for seed in missing}
+        running = {pool.submit(run, arguments, seed, true): seed for seed in missing}
         for done in as_completed(running):
             seed, (metrics, paths) = running[done], done.result()
             rows[seed] = metrics
@@ -182,8 +217,8 @@ def main(arguments: Arguments) -> None:
                 write_tum(arguments.out / f"{name}_{seed}.txt", trajectory)
             if seed == 0:
                 picture(paths, metrics, arguments.out / "trajectories.png")
-            write_metrics(arguments, rows)
-    print(write_metrics(arguments, rows))
+            write_metrics(arguments, rows, facts)
+    print(means(rows))
 
 
 def settings(arguments: Arguments) -> dict[str, str]:
@@ -195,20 +230,27 @@ def settings(arguments: Arguments) -> dict[str, str]:
 
 def finished(arguments: Arguments) -> dict[int, dict[str, float]]:
     """The seeds that a run before has done with the same settings: twenty take an hour or more."""
+    return {int(row.pop("seed")): row for row in _document(arguments).get("seeds", [])}
+
+
+def means(rows: dict[int, dict[str, float]]) -> dict[str, float]:
+    """Over the seeds that are done."""
+    return {name: float(np.mean([row[name] for row in rows.values()])) for name in next(iter(rows.values()))}
+
+
+def write_metrics(arguments: Arguments, rows: dict[int, dict[str, float]], facts: dict[str, float]) -> None:
+    """metrics.json: means, each seed, and what is known of the reference."""
+    each = [{"seed": seed, **rows[seed]} for seed in sorted(rows)]
+    known = {"reference": facts} if facts else {}
+    document = {**means(rows), **known, "settings": settings(arguments), "seeds": each}
+    write_file(arguments.out / "metrics.json", (json.dumps(document, indent=1) + "\n").encode())
+
+
+def _document(arguments: Arguments) -> dict[str, Any]:
+    """What a run before has written with the same settings."""
     path = arguments.out / "metrics.json"
     before = json.loads(path.read_text()) if path.exists() else {}
-    if before.get("settings") != settings(arguments):
-        return {}
-    return {int(row.pop("seed")): row for row in before["seeds"]}
-
-
-def write_metrics(arguments: Arguments, rows: dict[int, dict[str, float]]) -> dict[str, float]:
-    """Means over the seeds that are done; returned, and in metrics.json with all of them."""
-    means = {name: float(np.mean([row[name] for row in rows.values()])) for name in next(iter(rows.values()))}
-    each = [{"seed": seed, **rows[seed]} for seed in sorted(rows)]
-    document = {**means, "settings": settings(arguments), "seeds": each}
-    write_file(arguments.out / "metrics.json", (json.dumps(document, indent=1) + "\n").encode())
-    return means
+    return before if before.get("settings") == settings(arguments) else {}
 
 
 if __name__ == "__main__":
