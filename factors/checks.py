@@ -207,8 +207,11 @@ def _setting(what: str, value: Any, hint: Any, allowed: Range, error: Error) -> 
         if not isinstance(value, str) or value not in get_args(hint):
             raise error(f"{what} must be one of {', '.join(map(str, get_args(hint)))}, not {_shown(value)}")
     elif get_origin(hint) is tuple:
-        for i, each in enumerate(instance(what, value, tuple, error)):
-            _setting(f"{what}[{i}]", each, get_args(hint)[0], allowed, error)
+        kinds, found = get_args(hint), instance(what, value, tuple, error)
+        if Ellipsis not in kinds and len(found) != len(kinds):
+            raise error(f"{what} must be {len(kinds)} values, not {_shown(value)}")
+        for i, each in enumerate(found):
+            _setting(f"{what}[{i}]", each, kinds[0], allowed, error)
     elif isinstance(hint, type) and hint.__module__ != "jaxtyping":
         instance(what, bool(value) if isinstance(value, np.bool_) else value, hint, error)
 

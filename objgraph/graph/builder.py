@@ -6,6 +6,7 @@ from typing import Literal
 
 import gtsam
 import numpy as np
+from gtsam.symbol_shorthand import X
 from jaxtyping import Float
 
 from factors import checks
@@ -48,6 +49,9 @@ class GraphConfig:
     else."""
     anisotropy_sigma: float = 0.1
     """Standard deviation of each axis' log-scale about their mean: the code, not the scale, stretches shapes."""
+    pose_sigma: tuple[float, float] | None = None
+    """Radians and metres by which each view's camera pose may be wrong, about and along each of its axes; None takes poses as
+    exact. For one object in a graph of its own: where cameras are variables of a graph, that graph says it."""
     upright_sigma: float = 0.03
     """Radians by which an object that stands on the floor may lean, about each level axis."""
     floor_sigma: float = 0.01
@@ -63,8 +67,8 @@ class GraphConfig:
     def __post_init__(self) -> None:
         """Raises ConfigError where a number is not one of its kind, or there is no such renderer."""
         checks.settings(
-            self, ConfigError, surface_tail=DEVIATIONS, anisotropy_sigma=DEVIATIONS, upright_sigma=DEVIATIONS,
-            floor_sigma=DEVIATIONS, floor_spacing=SPACINGS, sides=DEVIATIONS,
+            self, ConfigError, surface_tail=DEVIATIONS, anisotropy_sigma=DEVIATIONS, pose_sigma=DEVIATIONS,
+            upright_sigma=DEVIATIONS, floor_sigma=DEVIATIONS, floor_spacing=SPACINGS, sides=DEVIATIONS,
         )  # fmt: skip
 
 
@@ -198,7 +202,9 @@ class ObjectBuilder:
         views: Sequence[ObjectView],
         box: DetectedBox | None = None,
     ) -> SingleObject:
-        """One object at `state` in a graph of its own, its views from cameras that are known, and a detector's box.
+        """One object at `state` in a graph of its own, its views, and a detector's box.
+
+        Cameras are where the views have them or, with a `pose_sigma`, variables X(0), X(1), ... that are known so well.
 
         Raises:
             FactorError: the state or a view cannot be used.
@@ -207,13 +213,23 @@ class ObjectBuilder:
         state.insert(values, ALONE)
         for factor in self.priors(prior, ALONE, box):
             graph.push_back(factor)
-        factors: list[ObservationFactor] = [
-            factor for view in views for factor in self.view(prior, ALONE, view, view.T_world_camera)
-        ]
+        factors: list[ObservationFactor] = []
+        for k, view in enumerate(views):
+            camera: gtsam.Pose3 | int = view.T_world_camera
+            if self.config.pose_sigma is not None:
+                values.insert(X(k), view.T_world_camera)
+                graph.push_back(gtsam.PriorFactorPose3(X(k), view.T_world_camera, self._pose_noise()))
+                camera = X(k)
+            factors += self.view(prior, ALONE, view, camera)
         factors += [*self.box(prior, ALONE), *self.standing(prior, ALONE)]
         for factor in factors:
             graph.push_back(factor.gtsam_factor())
         return SingleObject(prior.category, graph, values, factors, start=values)
+
+    def _pose_noise(self) -> gtsam.noiseModel.Base:
+        assert self.config.pose_sigma is not None
+        rotation, translation = self.config.pose_sigma
+        return gtsam.noiseModel.Diagonal.Sigmas(np.repeat([rotation, translation], 3))
 
     def _weighting(self, share: float | Float[np.ndarray, "n"]) -> Weighting:
         return Weighting("information", np.minimum(1.0, self.config.effective_count * np.asarray(share)))

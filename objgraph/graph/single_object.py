@@ -1,4 +1,4 @@
-"""One object in a graph of its own, seen from cameras that are known."""
+"""One object in a graph of its own, seen from cameras that are known, exactly or nearly."""
 
 from dataclasses import dataclass, field, replace
 
