@@ -22,7 +22,7 @@ ROOM = Source("scannet", Path("DATA/scannet"), "scene1", ("chair",), None, Path(
 CAMERA = MappingConfig(
     views=2,
     priors=("sofa.safetensors",),
-    graph=GraphConfig(renderer="sampled", sides=None),
+    graph=GraphConfig(renderer="sampled", sides=None, pose_sigma=(0.01, 0.02)),
     solver=SolverConfig(slopes=(50.0, 90.0), rounds=2),
     heading_modes=HeadingModesConfig(temperature=3.0),
     estimator="both",
@@ -89,6 +89,9 @@ def write(folder: Path, settings: object) -> Path:
         ({"graph": {"renderer": "fast"}}, r'settings: graph\.renderer must be Literal.*, not "fast"'),
         ({"graph": {"sides": "x"}}, r'settings: graph\.sides must be .*float.*, not "x"'),
         ({"solver": {"slopes": [60, "x"]}}, r"settings: solver\.slopes"),
+        ({"graph": {"pose_sigma": [0.01]}}, r"pose_sigma must be"),
+        ({"graph": {"pose_sigma": [0.01, "x"]}}, r"pose_sigma"),
+        ({"graph": {"pose_sigma": [0.01, 0]}}, r"pose_sigma\[1\] must be"),
         ({"solver": 3}, r"settings: solver must be SolverConfig, not 3"),
         ({"priors": "sofa.safetensors"}, "settings: priors must be tuple"),
         (3, "settings: an object of settings was expected, not 3"),
