@@ -11,6 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 import open3d as o3d
 from jaxtyping import Float
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
 
 from objgraph.errors import EvaluationError
 from objgraph.geometry.frames import transformed
@@ -42,43 +44,75 @@ class DenseReference:
     """The same of the poses that were given."""
 
 
+@dataclass(frozen=True)
+class _Pair:
+    """Frame i in frame j."""
+
+    i: int
+    j: int
+    T_j_i: Float[np.ndarray, "4 4"]
+    information: Float[np.ndarray, "6 6"]
+
+
 def dense_reference(
     frames: Sequence[Frame], progress: Callable[[int, int], None] | None = None
 ) -> DenseReference:
     """Register all frames that overlap, beginning at their own poses.
 
     Raises:
-        EvaluationError: some frame overlaps with no other, so its pose is unknown.
+        EvaluationError: frames that overlap do not connect all with the first, so the poses of some are unknown.
     """
     clouds = [_cloud(frame) for frame in frames]
     given = np.stack([np.asarray(frame.T_world_camera, float) for frame in frames])
+    pairs: list[_Pair] = []
+    for i in range(len(frames)):
+        later = (_pair(i, j, clouds, given) for j in range(i + 1, len(frames)))
+        pairs += [pair for pair in later if pair is not None]
+        if progress is not None:
+            progress(i + 1, len(frames))
+    if apart := _apart(len(frames), pairs):
+        names = ", ".join(frames[k].name for k in apart)
+        raise EvaluationError(
+            f"frames {names} are not connected with the first by frames that overlap: take more, or leave these out"
+        )
+    poses = _together(given, pairs)
+    return DenseReference(poses, len(pairs), _spread(poses, pairs), _spread(given, pairs))
+
+
+def _apart(count: int, pairs: Sequence[_Pair]) -> list[int]:
+    """The frames that no way leads to from the first."""
+    i, j = np.array([[pair.i, pair.j] for pair in pairs], dtype=int).reshape(-1, 2).T
+    _, part = connected_components(
+        coo_matrix((np.ones(len(i)), (i, j)), shape=(count, count)), directed=False
+    )
+    return np.flatnonzero(part != part[0]).tolist()
+
+
+def _pair(
+    i: int, j: int, clouds: Sequence[o3d.geometry.PointCloud], given: Float[np.ndarray, "n 4 4"]
+) -> _Pair | None:
+    """None where too little of either frame is in the other."""
+    start = np.linalg.inv(given[j]) @ given[i]
+    shares = (_overlap(clouds[i], clouds[j], start), _overlap(clouds[j], clouds[i], np.linalg.inv(start)))
+    if min(shares) < OVERLAP:
+        return None
+    T_j_i = _registered(clouds[i], clouds[j], start)
+    information = _registration.get_information_matrix_from_point_clouds(
+        clouds[i], clouds[j], _COARSE_TO_FINE[-1][0], T_j_i
+    )
+    return _Pair(i, j, T_j_i, information)
+
+
+def _together(given: Float[np.ndarray, "n 4 4"], pairs: Sequence[_Pair]) -> Float[np.ndarray, "n 4 4"]:
+    """The poses that fit all pairs best, the first as it was given; pairs that fit badly are left out."""
     graph = _registration.PoseGraph()
     for pose in given:
         graph.nodes.append(_registration.PoseGraphNode(pose))
-    found: list[tuple[int, int, np.ndarray]] = []
-    for i in range(len(frames)):
-        for j in range(i + 1, len(frames)):
-            start = np.linalg.inv(given[j]) @ given[i]
-            if (
-                min(
-                    _overlap(clouds[i], clouds[j], start),
-                    _overlap(clouds[j], clouds[i], np.linalg.inv(start)),
-                )
-                < OVERLAP
-            ):
-                continue
-            T_j_i = _registered(clouds[i], clouds[j], start)
-            information = _registration.get_information_matrix_from_point_clouds(
-                clouds[i], clouds[j], _COARSE_TO_FINE[-1][0], T_j_i
-            )
-            graph.edges.append(_registration.PoseGraphEdge(i, j, T_j_i, information, uncertain=j != i + 1))
-            found.append((i, j, T_j_i))
-        if progress is not None:
-            progress(i + 1, len(frames))
-    alone = set(range(len(frames))) - {k for i, j, _ in found for k in (i, j)}
-    if alone:
-        names = ", ".join(frames[k].name for k in sorted(alone))
-        raise EvaluationError(f"frames {names} overlap with no other: take more frames, or leave these out")
+    for pair in pairs:
+        loop = pair.j != pair.i + 1
+        graph.edges.append(
+            _registration.PoseGraphEdge(pair.i, pair.j, pair.T_j_i, pair.information, uncertain=loop)
+        )
     _registration.global_optimization(
         graph,
         _registration.GlobalOptimizationLevenbergMarquardt(),
@@ -88,8 +122,7 @@ def dense_reference(
         ),
     )
     poses = np.stack([node.pose for node in graph.nodes])
-    poses = given[0] @ np.linalg.inv(poses[0]) @ poses
-    return DenseReference(poses, len(found), _spread(poses, found), _spread(given, found))
+    return given[0] @ np.linalg.inv(poses[0]) @ poses
 
 
 def _cloud(frame: Frame) -> o3d.geometry.PointCloud:
@@ -122,9 +155,10 @@ def _registered(
     return T_b_a
 
 
-def _spread(
-    poses: Float[np.ndarray, "n 4 4"], found: Sequence[tuple[int, int, Float[np.ndarray, "4 4"]]]
-) -> float:
+def _spread(poses: Float[np.ndarray, "n 4 4"], pairs: Sequence[_Pair]) -> float:
     ahead = np.array([[0.0, 0.0, AHEAD]])
-    off = [transformed(np.linalg.inv(poses[i]) @ poses[j] @ T_j_i, ahead) - ahead for i, j, T_j_i in found]
+    off = [
+        transformed(np.linalg.inv(poses[pair.i]) @ poses[pair.j] @ pair.T_j_i, ahead) - ahead
+        for pair in pairs
+    ]
     return float(np.median(np.linalg.norm(off, axis=-1)))
