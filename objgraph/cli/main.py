@@ -144,6 +144,16 @@ def _doctor(arguments: list[str], console: "Console") -> int:
     return run_doctor(_parsed(DoctorCommand, "doctor", arguments), console)
 
 
+def _sensor(arguments: list[str], console: "Console") -> None:
+    """Measure a scan's depth noise and how accurate its camera poses are, and write settings for `map --config`.
+
+    $ objgraph sensor --dataset folder --root MYSCAN --out sensor.json
+    """
+    from objgraph.cli.sensor import SensorCommand, run_sensor
+
+    run_sensor(_parsed(SensorCommand, "sensor", arguments), console)
+
+
 def _segment(arguments: list[str], console: "Console") -> None:
     """Segment the colour images of a data set that has no masks yet, with Mask2Former.
 
@@ -168,6 +178,7 @@ VERBS: dict[str, Callable[[list[str], "Console"], int | None]] = {
     "evaluate-prior": _evaluate_prior,
     "segment": _segment,
     "doctor": _doctor,
+    "sensor": _sensor,
 }
 """Each gives the exit status; None is success."""
 

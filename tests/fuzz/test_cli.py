@@ -44,6 +44,7 @@ FIRST = {
     "priors": ["", "{absent}", "{file} --json {new}.json", "--json {file}/below"],
     "evaluate-prior": ["--category chair --meshes {absent} --json {new}.json", "--category chair --meshes {folder} --json {new}.json"],
     "segment": ["--root {absent}", "--root {folder} --weights {absent}"],
+    "sensor": ["--root {absent} --out {new}.json", "--root {folder} --out {new}.json", "--dataset kitti --root {folder} --out {new}.json"],
     "doctor": ["", "--root {folder}", "--root {absent} --out {new}", "--dataset kitti --root {folder} --out {new}"],
 }  # fmt: skip
 KEPT = {"train": {"--meshes", "--category"}, "evaluate": {"--dataset", "--root"}, "map": {"--dataset"}}

@@ -41,7 +41,18 @@ CORE = (
     "slam",
     "trust",
 )
-AROUND = ("bench", "cli", "datasets", "doctor", "families", "segment", "show", "synthetic", "training")
+AROUND = (
+    "bench",
+    "cli",
+    "datasets",
+    "doctor",
+    "families",
+    "segment",
+    "sensor",
+    "show",
+    "synthetic",
+    "training",
+)
 """Folders that use the core and that it must not use."""
 
 
