@@ -51,8 +51,15 @@ class Sensor:
     """Planes that both frames of a pair see."""
 
     def settings(self) -> dict[str, dict[str, object]]:
-        """Of `MappingConfig`: what `objgraph map --config` takes."""
-        noise = {"base": self.noise.base, "quadratic": self.noise.quadratic}
+        """Of `MappingConfig`: what `objgraph map --config` takes.
+
+        Noise is no smaller than the default, which stands for what else is off in a patch, too: the prior, the mask.
+        """
+        usual = SensorNoise()
+        noise = {
+            "base": max(self.noise.base, usual.base),
+            "quadratic": max(self.noise.quadratic, usual.quadratic),
+        }
         return {"sampling": {"noise": noise}, "graph": {"pose_sigma": list(self.pose_sigma)}}
 
 

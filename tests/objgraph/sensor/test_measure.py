@@ -14,7 +14,8 @@ from objgraph.datasets import scannet
 from objgraph.errors import DatasetError
 from objgraph.maps.pipeline import MappingConfig
 from objgraph.observation.frames import Frame, FrameSource
-from objgraph.sensor import SensorConfig, measure_sensor
+from objgraph.observation.sampling import SensorNoise
+from objgraph.sensor import Sensor, SensorConfig, measure_sensor
 from objgraph.synthetic.camera import CameraConfig
 from objgraph.synthetic.sample import SampleConfig, generate_sample
 
@@ -100,7 +101,16 @@ def test_a_map_takes_what_is_written(folder: Path, tmp_path: Path, capsys: pytes
     run = read_run(out, {"dataset": "scannet", "root": folder}, {})
     assert isinstance(run.settings, MappingConfig)
     assert run.settings.graph.pose_sigma == tuple(written["graph"]["pose_sigma"])
-    assert run.settings.sampling.noise.base == written["sampling"]["noise"]["base"]
+    # the room's sensor is better than the default, which stands for more than the sensor
+    assert run.settings.sampling.noise == SensorNoise()
+
+
+def test_a_worse_sensor_is_told_to_the_map():
+    sensor = Sensor(SensorNoise(0.002, 0.006), (0.01, 0.02), 10, 200)
+    assert sensor.settings() == {
+        "sampling": {"noise": {"base": SensorNoise().base, "quadratic": 0.006}},
+        "graph": {"pose_sigma": [0.01, 0.02]},
+    }
 
 
 def test_a_lidar_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture):
