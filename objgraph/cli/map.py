@@ -93,8 +93,6 @@ class MapCommand:
     """Mask pixels with depth below which a view says too little to be used."""
     pose_sigma: Annotated[tuple[float, float] | None, _option("FLOAT FLOAT")] = None
     """Radians and metres by which each camera's pose may be wrong; by default poses are taken as exact."""
-    upright_sigma: Annotated[float | None, _option("FLOAT", _DEFAULTS.graph.upright_sigma)] = None
-    """Radians by which an object that stands on the floor may lean; of a LiDAR's road more by default."""
 
 
 _SOURCE = ("dataset", "root", "scene", "categories", "trajectory", "scan2cad", "shapenet", "topic")
@@ -109,7 +107,6 @@ _SETTINGS: dict[str, tuple[str, ...]] = {
     "points": ("sampling.points", "task.sampling.points"),
     "min_pixels": ("sampling.min_pixels",),
     "pose_sigma": ("graph.pose_sigma",),
-    "upright_sigma": ("graph.upright_sigma",),
 }
 """Where an option's value lies in the settings of a camera or of a LiDAR."""
 
