@@ -16,8 +16,9 @@ from objgraph.observation.frames import Frame, Instance
 from objgraph.observation.sampling import ObjectView, observe
 from objgraph.priors.shape_prior import ShapePrior
 from objgraph.slam.association import Detection, MappedCandidate, associate, duplicates
+from objgraph.slam.incremental.alone import first_estimate, rough_estimate
 from objgraph.slam.incremental.motion import Motion, relative_covariance
-from objgraph.slam.incremental.pending import PendingObject, first_estimate
+from objgraph.slam.incremental.pending import PendingObject
 from objgraph.slam.incremental.places import Places
 from objgraph.slam.incremental.system import IncrementalSystem
 from objgraph.slam.incremental.tracked import TrackedObject
@@ -198,7 +199,7 @@ class FrontEnd:
         return entered, [*reasons, *why]
 
     def keep_current(self, seen: Sequence[TrackedObject], everything: bool) -> list[str]:
-        """Renew what the frame has made stale, and look at one other object in turn; what could not be, and why.
+        """Renew what the frame has made stale, and look at one other object in turn; what turned, and what could not be renewed.
 
         The frame is in the map by now: an object that cannot be renewed stays linearised where it was.
         """
@@ -207,8 +208,8 @@ class FrontEnd:
         due, reasons = list({entry.name: entry for entry in (*seen, *others)}.values()), []
         try:
             for entry in seen:
-                if entry.is_due:
-                    self.system.resolve(entry)
+                if entry.is_due and self.system.resolve(entry, self._next_keys):
+                    reasons.append(f"{entry.name} has turned: its {entry.views} views say so")
             self.system.renew(due, self.config.tolerance, self.config.refreshes)
         except ObjectGraphError as error:
             reasons.append(f"upkeep is left for the next frame: {error}")
@@ -227,7 +228,7 @@ class FrontEnd:
         placed = view.at(self.system.camera_pose(camera))
         system = self.system
         try:
-            estimate = first_estimate(name, prior, [placed], system.builder, self.config)
+            estimate = rough_estimate(name, prior, placed, system.builder, self.config)
         except ObjectGraphError as error:
             return [f"{name} is not started: {error}"]
         self._started += 1
@@ -257,8 +258,7 @@ class FrontEnd:
         """Solve a ripe object alone, then enter it, or its views where it is one that the map has already."""
         system = self.system
         views = [view.at(cameras[key]) for key, view in pending.views]
-        if len(views) > 1:
-            pending.estimate = first_estimate(pending.name, pending.prior, views, system.builder, self.config)
+        pending.estimate = first_estimate(pending.name, pending.prior, views, system.builder, self.config)
         near = self._near([(view, pending.prior) for view in views])
         doubles = duplicates(
             [pending.candidate(), *(self._alone(entry) for entry in near)], self.config.association
@@ -267,7 +267,8 @@ class FrontEnd:
             if 0 in (merge.keep, merge.drop):
                 system.adopt(near[max(merge.keep, merge.drop) - 1], pending.views)
                 return [merge.reason]
-        entry = TrackedObject(pending.name, self._object_keys(pending.index), pending.prior)
+        keys, turns = self._object_keys(pending.index), pending.estimate.turns
+        entry = TrackedObject(pending.name, keys, pending.prior, other_headings=turns)
         system.add_object(entry, pending.estimate.state, pending.views)
         self._note_centres([entry])
         try:
@@ -275,6 +276,10 @@ class FrontEnd:
         except ObjectGraphError as error:  # the object is in the map by now
             _LOG.warning("%s is not merged with its neighbours: %s", entry.name, error)
             return [f"{entry.name} is not merged with its neighbours: {error}"]
+
+    def _next_keys(self) -> ObjectKeys:
+        self._started += 1
+        return self._object_keys(self._started - 1)
 
     def _merge(self, entries: Sequence[TrackedObject]) -> list[str]:
         """Where the map has one thing twice, give its views to the one that is better known."""

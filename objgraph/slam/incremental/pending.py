@@ -9,11 +9,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.linalg import block_diag
 
-from objgraph.errors import ObjectGraphError, SolveError
-from objgraph.estimate.graph import GraphEstimator
-from objgraph.estimate.task import Estimate, EstimationTask
-from objgraph.graph.builder import ObjectBuilder
-from objgraph.graph.initialise import first_states
+from objgraph.estimate.task import Estimate
 from objgraph.observation.sampling import ObjectView
 from objgraph.priors.shape_prior import ShapePrior
 from objgraph.slam.association import MappedCandidate
@@ -57,36 +53,6 @@ class PendingObject:
         return config.views_to_enter == 1 or any(
             _angle(a, b) > config.baseline for a, b in itertools.combinations(towards, 2)
         )
-
-
-def first_estimate(
-    name: str,
-    prior: ShapePrior,
-    views: list[ObjectView],
-    builder: ObjectBuilder,
-    config: IncrementalConfig,
-) -> Estimate:
-    """Place an object by its views at known cameras and solve it alone, roughly where it has one view.
-
-    Raises:
-        InitialisationError, SolveError: it cannot be placed; the message says why.
-    """
-    first = first_states(prior, views, builder, config.initialisation)
-    rough = len(views) < config.views_to_enter
-    assert builder.up_world is not None  # or nothing would have been placed
-    kept = 1 if rough else len(first.states)
-    task = EstimationTask(
-        name, prior, first.states[:kept], tuple(views), builder.up_world, builder.floor,
-        chances=first.chances[:kept],
-    )  # fmt: skip
-    (result,) = GraphEstimator(
-        config.graph, config.rough if rough else config.start, heading_modes=None
-    ).estimate([task])
-    if isinstance(result, ObjectGraphError):
-        raise result
-    if result.covariance is None:
-        raise SolveError(f"{name}: its estimate has no covariance")
-    return result
 
 
 def _angle(a: Float[np.ndarray, "3"], b: Float[np.ndarray, "3"]) -> float:

@@ -1,6 +1,7 @@
 """The incremental map itself: cameras and tracked objects in one smoother, and how they enter, are renewed and merge."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
 
 import gtsam
 import numpy as np
@@ -8,12 +9,12 @@ from jaxtyping import Float
 
 from factors import checks
 from factors.linearized import carried_along
-from factors.state import ObjectState
+from factors.state import ObjectKeys, ObjectState
 from objgraph.errors import ObservationError, SolveError
 from objgraph.graph.builder import ObjectBuilder
 from objgraph.graph.object_graph import ObjectGraph
-from objgraph.graph.solve import solve
 from objgraph.observation.sampling import ObjectView
+from objgraph.slam.incremental.alone import is_turned, next_estimate
 from objgraph.slam.incremental.config import IncrementalConfig, Tolerance
 from objgraph.slam.incremental.local import at_optimum, settled, solved
 from objgraph.slam.incremental.smoother import Smoother
@@ -156,16 +157,7 @@ class IncrementalSystem:
         Raises:
             SolveError: it has no optimum near `state`, or the smoother fails; nothing has been changed.
         """
-        observations = [*self.observations(entry, placed), *self.unseen(entry)]
-        cameras = sorted({camera for camera, _ in placed})
-        start = self.estimates([], cameras)
-        state.insert(start, entry.keys)
-        priors = self.builder.priors(entry.prior, entry.keys)
-        known = [*self.smoother.marginal_factors(cameras), *priors]
-        problem = solved(entry.name, known, observations, start, self.config)
-        freeze(observations, problem.values, self.slope)
-        at = settled(problem, priors, observations, self.config)
-        self.enter(entry, priors, observations, linearize_frozen(observations, at), at)
+        self.enter(entry, *self._settled(entry, state, placed))
 
     def enter(
         self,
@@ -198,10 +190,7 @@ class IncrementalSystem:
         observations = self.observations(entry, placed)
         cameras = sorted({camera for camera, _ in placed})
         at = self.solved([entry], cameras, observations, gtsam.Values())
-        gone = (
-            [] if instead_of is None else [*instead_of.numbers, *(o.number for o in instead_of.observations)]
-        )
-        remove = [number for number in gone if self.smoother.holds(number)]
+        remove = [] if instead_of is None else self._numbers(instead_of)
         quadratics = linearize(observations, at, self.slope)
         _entered(observations, quadratics, self.commit(quadratics, remove=remove), at)
         entry.observations += observations
@@ -235,24 +224,34 @@ class IncrementalSystem:
         self._replace(observations, linearize(observations, values, self.slope), values)
         return len(stale)
 
-    def resolve(self, entry: TrackedObject) -> None:
-        """Solve the object alone, nonlinearly, against cameras as they are, and linearise all its observations there.
+    def resolve(self, entry: TrackedObject, other_keys: Callable[[], ObjectKeys]) -> bool:
+        """Solve the object alone, nonlinearly, against cameras as they are, and linearise all its observations there;
+        whether it has turned.
 
-        Mends what was settled by few views; costs some linearisations of every view, so it is for now and then.
-        Raises SolveError, and has then changed nothing.
+        Mends what was settled by few views, a wrong heading too: one that turns goes on under `other_keys`, for no
+        linear step leads there. It costs some linearisations of every view, so it is for now and then. With a lag, an
+        object whose first views are past it keeps its heading: what they said cannot be taken back. Raises
+        ObjectGraphError, and has then changed nothing.
         """
         entry.views_solved = entry.views  # one that fails would otherwise be tried at every frame
         self._prune(entry)
-        placed = entry.placed_views
+        placed, state = entry.placed_views, self.state(entry)
         some = np.unique(np.linspace(0, len(placed) - 1, min(len(placed), _RESOLVED)).astype(int))
         views = [placed[i][1].at(self.camera_pose(placed[i][0])) for i in some]
-        single = self.builder.alone(entry.prior, self.state(entry), views)
-        solve([single], self.config.tracking)
-        if single.failure is not None:
-            raise SolveError(f"{entry.name}: {single.failure}")
-        values = self.estimates([], _cameras(entry.observations))
-        single.state.insert(values, entry.keys)
-        self._replace(entry.observations, linearize(entry.observations, values, self.slope), values)
+        may_turn = len(placed) == entry.views
+        found = next_estimate(
+            entry.name, entry.prior, views, self.builder, self.config, state, may_turn=may_turn
+        )
+        turns = is_turned(found.state, state)
+        if turns:
+            self._turn(entry, other_keys(), found.state)
+        else:
+            values = self.estimates([], _cameras(entry.observations))
+            found.state.insert(values, entry.keys)
+            self._replace(entry.observations, linearize(entry.observations, values, self.slope), values)
+        if may_turn:
+            entry.other_headings = found.turns
+        return turns
 
     def solve_whole(self, rounds: int) -> None:
         """Solve everything nonlinearly, all observations' samples drawn anew in every round, and linearise it all there.
@@ -326,6 +325,38 @@ class IncrementalSystem:
                 if not observation.of_prior:
                     objects.add_factors(handle, observation.factors)
         return objects
+
+    def _settled(
+        self, entry: TrackedObject, state: ObjectState, placed: Sequence[Placed]
+    ) -> tuple[
+        list[gtsam.NonlinearFactor], list[Observation], list[gtsam.LinearContainerFactor], gtsam.Values
+    ]:
+        """Priors, observations and their quadratics of an object that begins at `state`, and where it and its cameras then
+        are; raises SolveError where it has no optimum near."""
+        observations = [*self.observations(entry, placed), *self.unseen(entry)]
+        cameras = sorted({camera for camera, _ in placed})
+        start = self.estimates([], cameras)
+        state.insert(start, entry.keys)
+        priors = self.builder.priors(entry.prior, entry.keys)
+        known = [*self.smoother.marginal_factors(cameras), *priors]
+        problem = solved(entry.name, known, observations, start, self.config)
+        freeze(observations, problem.values, self.slope)
+        at = settled(problem, priors, observations, self.config)
+        return priors, observations, linearize_frozen(observations, at), at
+
+    def _turn(self, entry: TrackedObject, keys: ObjectKeys, state: ObjectState) -> None:
+        """The object anew, under other keys; raises SolveError, and has then changed nothing."""
+        anew = replace(entry, keys=keys)
+        priors, observations, quadratics, at = self._settled(anew, state, entry.placed_views)
+        values = at.extract(gtsam.KeyVector([*keys]))
+        numbers = self.commit([*priors, *quadratics], values, remove=self._numbers(entry))
+        _entered(observations, quadratics, numbers[len(priors) :], at)
+        entry.keys, entry.numbers, entry.observations = keys, numbers[: len(priors)], observations
+
+    def _numbers(self, entry: TrackedObject) -> list[int]:
+        """Of all factors on the object."""
+        numbers = [*entry.numbers, *(observation.number for observation in entry.observations)]
+        return [number for number in numbers if self.smoother.holds(number)]
 
     def _prune(self, entry: TrackedObject) -> None:
         """Forget observations whose camera is past the lag: what they said is in the smoother for good."""

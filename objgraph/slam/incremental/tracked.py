@@ -11,6 +11,7 @@ from factors.base import Annealing, ObservationFactor
 from factors.batch import prefetch
 from factors.linearized import linearized
 from factors.state import ObjectKeys, ObjectState
+from objgraph.covariance.heading_modes import HeadingModes
 from objgraph.observation.sampling import ObjectView
 from objgraph.priors.shape_prior import ShapePrior
 from objgraph.slam.association import MappedCandidate
@@ -60,6 +61,8 @@ class TrackedObject:
     """How often it was ever seen; with a lag, more than it has observations of."""
     views_solved: int = 0
     """How often it had been seen when it was last solved as a whole."""
+    other_headings: HeadingModes | None = None
+    """How likely it stands as estimated or turned, by the views there were when it was last solved as a whole."""
 
     @property
     def placed_views(self) -> list[tuple[int, ObjectView]]:
