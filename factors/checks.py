@@ -163,10 +163,12 @@ def tuple_of(what: str, value: Any, kind: type[Kind], error: Error = FactorError
 
 
 def covariance(what: str, value: Any, length: int | None, error: Error = FactorError) -> np.ndarray:
-    """A symmetric positive definite matrix."""
+    """A symmetric positive definite matrix; what of it is asymmetric by rounding is evened out."""
     found = reals(what, value, (length, length), error=error)
-    if found.shape[0] != found.shape[1] or not np.allclose(found, found.T, rtol=1e-6, atol=0):
+    size = np.sqrt(np.abs(np.diag(found)))  # an entry is as large at most as its variances allow
+    if found.shape[0] != found.shape[1] or (np.abs(found - found.T) > 1e-6 * np.outer(size, size)).any():
         raise error(f"{what} of shape {found.shape} is not symmetric")
+    found = 0.5 * (found + found.T)
     try:
         np.linalg.cholesky(found)
     except np.linalg.LinAlgError as problem:

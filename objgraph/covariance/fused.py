@@ -1,9 +1,13 @@
 """Two estimates of the same object as one."""
 
+from dataclasses import replace
+
+import gtsam
 import numpy as np
+from jaxtyping import Float
 
 from factors import checks
-from factors.state import ObjectState
+from factors.state import POSE_DOF, ObjectState
 from objgraph.covariance.labelled import ObjectCovariance, of_one_object
 from objgraph.errors import CovarianceError
 
@@ -16,7 +20,8 @@ def fused(
     """Covariance intersection (Julier & Uhlmann, 1997) of two estimates from the same data.
 
     Their errors go together by nobody knows how much: information is shared out, not added, so the result is
-    consistent where both are. `share` is the first one's. Errors are taken in the tangent at the first state.
+    consistent where both are. `share` is the first one's. Centres are compared along the world's axes, rotations in the tangent
+    at the first one.
 
     Raises:
         CovarianceError: `share` is not between 0 and 1, the codes are of different decoders, or a covariance is not
@@ -38,19 +43,38 @@ def fused(
         of_one_object(*each)
     for name, each in (("first", a), ("second", b)):
         checks.covariance(f"the {name} estimate's covariance", each.matrix, None, CovarianceError)
-    information_a, information_b = (_inverse(each.matrix) for each in (a, b))
-    matrix = _inverse(share * information_a + (1 - share) * information_b)
-    difference = np.concatenate(
-        [
-            state.T_world_object.localCoordinates(other.T_world_object),
-            other.log_scale - state.log_scale,
-            other.code - state.code,
-        ]
-    )
-    moved = state.retract(matrix @ ((1 - share) * information_b @ difference))
-    return moved, ObjectCovariance.of(matrix, "fused", a.subject)
+    R, other_R = state.T_world_object.rotation(), other.T_world_object.rotation()
+    centre = state.T_world_object.translation()
+    turn = gtsam.Rot3.Logmap(R.between(other_R))
+    difference = state.local_coordinates(other)
+    difference[:POSE_DOF] = *turn, *(other.T_world_object.translation() - centre)
+    of_first = _carried(a.matrix, np.eye(3), R.matrix())
+    of_other = _carried(b.matrix, gtsam.Rot3.LogmapDerivative(turn), other_R.matrix())
+    matrix, gain = intersection(of_first, of_other, share)
+    step = gain @ difference
+    R_fused = R.compose(gtsam.Rot3.Expmap(step[:3]))
+    pose = gtsam.Pose3(R_fused, centre + step[3:POSE_DOF])
+    fused_state = replace(state.retract(step), T_world_object=pose)
+    matrix = _carried(matrix, gtsam.Rot3.ExpmapDerivative(step[:3]), R_fused.matrix().T)
+    return fused_state, ObjectCovariance.of(matrix, "fused", a.subject)
 
 
-def _inverse(matrix: np.ndarray) -> np.ndarray:
-    inverse = np.linalg.inv(matrix)
-    return 0.5 * (inverse + inverse.T)
+def intersection(
+    a: Float[np.ndarray, "d d"], b: Float[np.ndarray, "d d"], share: float = 0.5
+) -> tuple[Float[np.ndarray, "d d"], Float[np.ndarray, "d d"]]:
+    """Of two covariances in one tangent: their intersection, and what it makes of the second's difference from the first."""
+    of_a, of_b = share * np.linalg.inv(a), (1 - share) * np.linalg.inv(b)
+    matrix = np.linalg.inv(of_a + of_b)
+    matrix = 0.5 * (matrix + matrix.T)
+    return matrix, matrix @ of_b
+
+
+def _carried(
+    matrix: Float[np.ndarray, "d d"],
+    of_rotation: Float[np.ndarray, "3 3"],
+    of_centre: Float[np.ndarray, "3 3"],
+) -> Float[np.ndarray, "d d"]:
+    """To other coordinates of the rotation and the centre."""
+    J = np.eye(len(matrix))
+    J[:3, :3], J[3:POSE_DOF, 3:POSE_DOF] = of_rotation, of_centre
+    return J @ matrix @ J.T

@@ -8,6 +8,7 @@ from jaxtyping import Float
 
 from factors.keys import readable_key
 from factors.state import ObjectKeys
+from objgraph.covariance.joint import joint_covariance
 from objgraph.covariance.labelled import ObjectCovariance
 from objgraph.diagnostics.linear import hessian_diagonal
 from objgraph.diagnostics.null_space import TOLERANCE
@@ -81,7 +82,7 @@ class Posterior:
         if lonely:
             raise SolveError(explanation(without_factors(lonely, self._values, self._objects)))
         try:
-            matrix = np.array(self._tree.jointMarginalCovariance(gtsam.KeyVector([*keys])).fullMatrix())
+            matrix = joint_covariance(self._tree, keys)
         except RuntimeError as error:
             raise self._undetermined() from error
         if self._is_rounding(matrix, keys):

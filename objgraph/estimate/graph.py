@@ -36,18 +36,22 @@ class GraphEstimator:
         self, tasks: Sequence[EstimationTask], progress: Callable[[int, int], None] | None = None
     ) -> list[Estimate | SolveError]:
         """See `Estimator`; all objects decode together."""
-        refused = [unusable(task) for task in tasks]
-        usable = [self._told(task) for task, reason in zip(tasks, refused, strict=True) if reason is None]
-        found = iter(self._solved(usable, progress))
-        return [next(found) if reason is None else reason for reason in refused]
+        begun = [self._begun(task) for task in tasks]
+        found = iter(self._solved([each for each in begun if isinstance(each, _Attempts)], progress))
+        return [next(found) if isinstance(each, _Attempts) else each for each in begun]
 
-    def _told(self, task: EstimationTask) -> EstimationTask:
-        return task if self.gravity else replace(task, up_world=None, floor=None)
+    def _begun(self, task: EstimationTask) -> "_Attempts | SolveError":
+        if (refused := unusable(task)) is not None:
+            return refused
+        told = task if self.gravity else replace(task, up_world=None, floor=None)
+        try:
+            return _Attempts(told, [self._single(told, start) for start in told.starts])
+        except ObjectGraphError as error:
+            return SolveError(f"{task.name}: {error}")
 
     def _solved(
-        self, tasks: Sequence[EstimationTask], progress: Callable[[int, int], None] | None
+        self, attempts: Sequence["_Attempts"], progress: Callable[[int, int], None] | None
     ) -> list[Estimate | SolveError]:
-        attempts = [_Attempts(task, [self._single(task, start) for start in task.starts]) for task in tasks]
         first = replace(self.solver, slopes=self.solver.slopes[:1], rounds=1)
         solve([single for attempt in attempts for single in attempt.tried], first)
         last = self.solver.slopes[-1]

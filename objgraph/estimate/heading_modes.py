@@ -17,6 +17,7 @@ from objgraph.graph.builder import GraphConfig, ObjectBuilder
 from objgraph.graph.initialise import free_points, misfit
 from objgraph.graph.single_object import SingleObject
 from objgraph.graph.solve import LevenbergMarquardtConfig, SolverConfig, solve
+from objgraph.observation.sampling import thinned
 from objgraph.priors.shape_prior import ShapePrior
 
 
@@ -108,11 +109,7 @@ def _attempts(
     ]
     if all(quarter == 0 for quarter, _ in tried):
         return []
-    share = len(task.views)
-    thin = [
-        view.thinned(config.points // share, config.rays // share, seed=i)
-        for i, view in enumerate(task.views)
-    ]
+    thin = thinned(task.views, config.points, config.rays)
     cheap = ObjectBuilder(replace(graph, sampling=config.sampling), task.up_world, task.floor)
     return [(quarter, cheap.alone(prior, state, thin)) for quarter, state in tried]
 

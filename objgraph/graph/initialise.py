@@ -24,7 +24,7 @@ from objgraph.graph.proposals import proposals
 from objgraph.graph.single_object import SingleObject
 from objgraph.graph.solve import LevenbergMarquardtConfig, Problem, SolverConfig, solve
 from objgraph.observation.gravity_box import gravity_box, smallest_heading
-from objgraph.observation.sampling import ObjectView
+from objgraph.observation.sampling import ObjectView, thinned
 from objgraph.priors.shape_prior import ShapePrior
 
 
@@ -205,10 +205,7 @@ def rank(
     Raises:
         InitialisationError: every guess failed; the message says why the first did.
     """
-    share = max(1, len(views))
-    thin = [
-        view.thinned(config.points // share, config.rays // share, seed=i) for i, view in enumerate(views)
-    ]
+    thin = thinned(views, config.points, config.rays)
     # starting shapes fill their box: a few steps from them need not be told
     cheap = replace(builder, config=replace(builder.config, sampling=config.sampling, sides=None))
     problems = [cheap.alone(prior, state, thin) for state in states]

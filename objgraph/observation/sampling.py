@@ -1,5 +1,6 @@
 """From a frame and an instance id to what the factors take: surface points and rays in the camera frame."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import gtsam
@@ -141,6 +142,13 @@ class ObjectView:
             self.frame, self.T_world_camera, self.points_camera[some], self.points_sigma[some],
             self.rays.take(few), self.correlation_length,
         )  # fmt: skip
+
+
+def thinned(views: Sequence[ObjectView], points: int, rays: int) -> list[ObjectView]:
+    """A random part of each view, of so many points and rays together, but of one of each at least."""
+    share = max(1, len(views))
+    few = max(1, points // share), max(1, rays // share)
+    return [view.thinned(*few, seed=i) for i, view in enumerate(views)]
 
 
 def observe(frame: Frame, instance: int, config: SamplingConfig | None = None, seed: int = 0) -> ObjectView:

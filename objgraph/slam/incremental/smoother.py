@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from factors.keys import readable_key
+from objgraph.covariance import joint as tree
 from objgraph.errors import SolveError
 
 _T = TypeVar("_T")
@@ -234,7 +235,7 @@ def marginal_factors(isam: gtsam.ISAM2, keys: Sequence[int]) -> list[gtsam.Linea
 
 def joint_covariance(isam: gtsam.ISAM2, keys: Sequence[int]) -> Float[np.ndarray, "d d"]:
     """Joint marginal covariance of `keys`, in their order; raises SolveError where the system hardly determines them."""
-    return np.array(_determined(keys, isam.jointMarginalCovariance).fullMatrix())
+    return _determined(keys, lambda keys: tree.joint_covariance(isam, keys))
 
 
 def _determined(keys: Sequence[int], query: Callable[[gtsam.KeyVector], _T]) -> _T:

@@ -37,6 +37,17 @@ def test_a_task_whose_starts_all_fail_fails_alone():
     assert isinstance(found, Estimate)
 
 
+def test_a_view_that_makes_no_factor_fails_alone():
+    good = task(starts=(NEAR,))
+    points = good.views[0].points_camera.copy()
+    points[0] = np.nan
+    bad = replace(good, name="holed", views=(replace(good.views[0], points_camera=points),))
+    holed, found = GraphEstimator(solver=QUICK).estimate([bad, good])
+    assert isinstance(holed, SolveError)
+    assert str(holed).startswith("holed: surface points has entries that are not finite")
+    assert isinstance(found, Estimate)
+
+
 def test_between_starts_that_cost_alike_the_first_guess_decides():
     """Twice the same start costs the same; and what a first guess holds for impossible is not taken though it is cheaper."""
     likely = task(starts=(NEAR, BACK), chances=(0.7, 0.3))

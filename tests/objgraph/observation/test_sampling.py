@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from objgraph.errors import ObservationError
 from objgraph.observation.frames import Frame, Intrinsics
-from objgraph.observation.sampling import SamplingConfig, SensorNoise, independent_shares, observe
+from objgraph.observation.sampling import SamplingConfig, SensorNoise, independent_shares, observe, thinned
 from tests.toys import ToyDecoder, toy_frame, toy_state
 
 CAMERA = Intrinsics(80.0, 80.0, 31.5, 23.5, 64, 48)
@@ -196,6 +196,14 @@ def test_the_counts_of_the_configuration_are_kept():
         view.correlation_length,
     )
     assert {tuple(p) for p in thin.points_camera} <= {tuple(p) for p in view.points_camera}
+
+
+@pytest.mark.parametrize(("views", "each"), [(1, 12), (3, 4), (5, 2), (40, 1)])
+def test_views_share_the_points_and_keep_one_at_least(views, each):
+    view = observe(flat_frame(), 7)
+    found = thinned([view] * views, 12, 12)
+    assert [len(thin.points_camera) for thin in found] == [each] * views
+    assert [len(thin.rays.depth) for thin in found] == [each] * views
 
 
 def test_the_seed_alone_decides():

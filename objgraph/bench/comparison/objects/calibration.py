@@ -14,6 +14,7 @@ from objgraph.bench.comparison.objects.calibrated import MEASURED as WITH_CALIBR
 from objgraph.bench.comparison.objects.calibrated import of_rows
 from objgraph.bench.comparison.objects.rows import ObjectRow
 from objgraph.bench.comparison.writing.bootstrap import Interval, Resamples, same_objects, with_intervals
+from objgraph.covariance.fused import intersection
 from objgraph.trust.calibration import Calibration
 
 LEVELS = (0.50, 0.90, 0.95)
@@ -170,7 +171,7 @@ def _fused(a: ObjectRow, b: ObjectRow) -> ObjectRow:
     R_a, R_b = (np.array(row.T_world_object, dtype=float)[:3, :3] for row in (a, b))
     if np.degrees(np.arccos(np.clip((np.trace(R_a.T @ R_b) - 1) / 2, -1, 1))) > _ONE_MODE_DEG:
         return alone
-    of_a, of_b = np.linalg.inv(np.array(a.box_covariance)) / 2, np.linalg.inv(np.array(b.box_covariance)) / 2
-    matrix = np.linalg.inv(of_a + of_b)
-    error = matrix @ (of_a @ np.array(a.box_error) + of_b @ np.array(b.box_error))
-    return replace(alone, box_error=error.tolist(), box_covariance=(0.5 * (matrix + matrix.T)).tolist())
+    matrix, of_b = intersection(np.array(a.box_covariance), np.array(b.box_covariance))
+    error = np.array(a.box_error)
+    error = error + of_b @ (np.array(b.box_error) - error)
+    return replace(alone, box_error=error.tolist(), box_covariance=matrix.tolist())
