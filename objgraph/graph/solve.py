@@ -100,6 +100,14 @@ class Problem:
         self.error_evaluations += 1
         return self.graph.error(self.values)
 
+    def cost_at(self, trial: gtsam.Values) -> float:
+        """The cost after a step, with everything frozen as it is; infinite where the step was so long that there is none."""
+        self.error_evaluations += 1
+        try:
+            return self.graph.error(trial)
+        except NotFiniteError:
+            return np.inf
+
 
 def solve(
     problems: Sequence[Problem],
@@ -245,7 +253,7 @@ def _propose(step: _Step) -> None:
 def _judge(step: _Step, config: LevenbergMarquardtConfig) -> None:
     problem = step.problem
     assert step.trial is not None
-    cost = _cost_of_trial(problem, step.trial)
+    cost = problem.cost_at(step.trial)
     # capped: where next to nothing was predicted the ratio is that of rounding errors
     gain = min((problem.cost - cost) / max(step.predicted, 1e-300), 10.0)
     if np.isfinite(cost) and cost < problem.cost and gain > 1e-4:
@@ -261,14 +269,6 @@ def _judge(step: _Step, config: LevenbergMarquardtConfig) -> None:
     step.damping *= step.growth
     step.growth *= 2.0
     step.done = step.damping > 1e6 or step.predicted < 1e-9 * (1.0 + problem.cost)
-
-
-def _cost_of_trial(problem: Problem, trial: gtsam.Values) -> float:
-    problem.error_evaluations += 1
-    try:
-        return problem.graph.error(trial)
-    except NotFiniteError:  # the step was too long: a shorter one is tried
-        return np.inf
 
 
 def _damped(linear: gtsam.GaussianFactorGraph, damping: float) -> gtsam.GaussianFactorGraph:

@@ -108,8 +108,9 @@ class FrontEnd:
 
     def sightings(self, frame: Frame, detections: Sequence[Instance], motion: Motion) -> Sightings:
         T_world_camera = self.system.on_body(motion.predicted)
+        self._follow()
         views, reasons = self._views(frame, detections, T_world_camera)
-        known = [*self._near(views), *self._pending]
+        known = [*self._near(views), *(entry for entry in self._pending if entry.views)]
         found = associate(
             [Detection(view, prior.category) for view, prior in views],
             [self._candidate(entry, motion) for entry in known],
@@ -192,7 +193,7 @@ class FrontEnd:
         """Note what is not in the map yet, and let in what has been seen often enough: names, and reasons."""
         reasons = []
         for entry, view in sightings.again:
-            entry.see(camera, view, len(self.cameras) - 1)
+            entry.see(camera, self.system.camera_pose(camera), view, len(self.cameras) - 1)
         for view, prior in sightings.new:
             reasons += self._begin(view, prior, camera)
         entered, why = self._admit()
@@ -225,25 +226,27 @@ class FrontEnd:
         """Start an object that waits for more views; why not, if it cannot be."""
         index, number = self._started, len(self.cameras) - 1
         name = f"{prior.category} {index}"
-        placed = view.at(self.system.camera_pose(camera))
+        T_world_camera = self.system.camera_pose(camera)
+        placed = view.at(T_world_camera)
         system = self.system
         try:
             estimate = rough_estimate(name, prior, placed, system.builder, self.config)
         except ObjectGraphError as error:
             return [f"{name} is not started: {error}"]
         self._started += 1
-        self._pending.append(PendingObject(index, name, prior, estimate, number, [(camera, view)]))
+        self._pending.append(
+            PendingObject(index, name, prior, estimate, number, [(camera, view)], {camera: T_world_camera})
+        )
         return []
 
     def _admit(self) -> tuple[list[str], list[str]]:
         """Let in the pending objects that are ripe, give up those not seen for long: names, and reasons."""
         entered, reasons, waiting = [], [], []
+        self._follow()
         for entry in self._pending:
-            entry.views = [(key, view) for key, view in entry.views if self.system.smoother.has(key)]
-            cameras = {key: self.system.camera_pose(key) for key, _ in entry.views}
-            if entry.views and entry.is_ripe(cameras, self.config):
+            if entry.views and entry.is_ripe(self.config):
                 try:
-                    reasons += self._enter(entry, cameras)
+                    reasons += self._enter(entry)
                     entered += [entry.name] if entry.name in self._centres else []
                 except ObjectGraphError as error:
                     reasons.append(f"{entry.name} does not enter: {error}")
@@ -254,10 +257,15 @@ class FrontEnd:
         self._pending = waiting
         return entered, reasons
 
-    def _enter(self, pending: PendingObject, cameras: dict[int, gtsam.Pose3]) -> list[str]:
+    def _follow(self) -> None:
+        for entry in self._pending:
+            held = [key for key, _ in entry.views if self.system.smoother.has(key)]
+            entry.follow({key: self.system.camera_pose(key) for key in held})
+
+    def _enter(self, pending: PendingObject) -> list[str]:
         """Solve a ripe object alone, then enter it, or its views where it is one that the map has already."""
         system = self.system
-        views = [view.at(cameras[key]) for key, view in pending.views]
+        views = [view.at(pending.cameras[key]) for key, view in pending.views]
         pending.estimate = first_estimate(pending.name, pending.prior, views, system.builder, self.config)
         near = self._near([(view, pending.prior) for view in views])
         doubles = duplicates(

@@ -55,21 +55,28 @@ def at_optimum(
 
 
 def polish(problem: Problem) -> None:
-    """Go on along undamped steps, as far along each as pays.
+    """Go on along undamped steps, as far along each as pays; raises SolveError where there is none.
 
     Damping holds back what all objects and cameras do together, of which every factor says little; kinks of the
     decoder hold back full steps.
     """
     for _ in range(_STEPS):
         prefetch(problem.factors, problem.values, jacobian=True)
-        step, cost = problem.graph.linearize(problem.values).optimize(), problem.cost
+        step, cost = _full_step(problem), problem.cost
         for share in _SHARES:
             trial = problem.values.retract(step.scale(share))
-            if (at_trial := problem.graph.error(trial)) < problem.cost:
+            if (at_trial := problem.cost_at(trial)) < problem.cost:
                 problem.values, problem.cost = trial, at_trial
                 break
         if not problem.cost < cost - _LITTLE:
             return
+
+
+def _full_step(problem: Problem) -> gtsam.VectorValues:
+    try:
+        return problem.graph.linearize(problem.values).optimize()
+    except RuntimeError as error:  # GTSAM's "indeterminate linear system"
+        raise SolveError(f"{problem.name}: nothing determines it: {error}") from error
 
 
 def _problem(
@@ -100,8 +107,8 @@ def settled(
             `priors` know, or elsewhere than the views: the start was too far off.
     """
     minimize(problem, _CLOSELY)
-    first = problem.values.retract(problem.graph.linearize(problem.values).optimize())
-    rise = problem.graph.error(first) - problem.cost
+    first = problem.values.retract(_full_step(problem))
+    rise = problem.cost_at(first) - problem.cost
     if not rise < problem.values.dim() / 2:  # as a draw from the posterior, if it is Gaussian, on average is
         raise SolveError(_too_far(problem, f"a full step from there costs {rise:.1f} more"))
     squared = 2 * sum(factor.error(first) for factor in priors)

@@ -2,7 +2,7 @@
 
 import itertools
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import gtsam
 import numpy as np
@@ -29,11 +29,24 @@ class PendingObject:
     """Number of the frame."""
     views: list[tuple[int, ObjectView]] = field(default_factory=list)
     """Camera keys and views."""
+    cameras: dict[int, gtsam.Pose3] = field(default_factory=dict)
+    """T_world_camera of the views, where the estimate belongs to them."""
 
-    def see(self, camera: int, view: ObjectView, number: int) -> None:
+    def see(self, camera: int, T_world_camera: gtsam.Pose3, view: ObjectView, number: int) -> None:
         """One more view, in the frame of this number."""
         self.views.append((camera, view))
+        self.cameras[camera] = T_world_camera
         self.last_seen = number
+
+    def follow(self, cameras: dict[int, gtsam.Pose3]) -> None:
+        """Go along with the cameras that saw it, which the map may have moved; views of others are forgotten."""
+        self.views = [(key, view) for key, view in self.views if key in cameras]
+        if self.views:
+            first, state = self.views[0][0], self.estimate.state
+            motion = cameras[first].compose(self.cameras[first].inverse())
+            moved = replace(state, T_world_object=motion.compose(state.T_world_object))
+            self.estimate = replace(self.estimate, state=moved)
+        self.cameras = cameras
 
     def candidate(self, camera: Callable[[], Float[np.ndarray, "6 6"]] | None = None) -> MappedCandidate:
         """What association needs; `camera` gives the covariance of the new camera's pose in the first view's frame."""
@@ -44,12 +57,12 @@ class PendingObject:
             lambda: own if camera is None else np.asarray(block_diag(own, camera())), prior.residual_sigma,
         )  # fmt: skip
 
-    def is_ripe(self, cameras: dict[int, gtsam.Pose3], config: IncrementalConfig) -> bool:
+    def is_ripe(self, config: IncrementalConfig) -> bool:
         """Whether it was seen often enough, and from directions that differ enough."""
         if len(self.views) < config.views_to_enter:
             return False
         centre = self.estimate.state.T_world_object.translation()
-        towards = [cameras[key].translation() - centre for key, _ in self.views]
+        towards = [self.cameras[key].translation() - centre for key, _ in self.views]
         return config.views_to_enter == 1 or any(
             _angle(a, b) > config.baseline for a, b in itertools.combinations(towards, 2)
         )

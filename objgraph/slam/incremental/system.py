@@ -1,6 +1,7 @@
 """The incremental map itself: cameras and tracked objects in one smoother, and how they enter, are renewed and merge."""
 
 from collections.abc import Callable, Iterable, Sequence
+from copy import copy
 from dataclasses import replace
 
 import gtsam
@@ -303,7 +304,7 @@ class IncrementalSystem:
         return values
 
     def batch(self) -> ObjectGraph:
-        """The map as one nonlinear graph of its own, at the current estimate.
+        """The map as one nonlinear graph of its own, at the current estimate and frozen as the map is.
 
         Raises:
             SolveError: cameras were marginalised out behind a lag; what they said is in no nonlinear factor any more.
@@ -323,7 +324,8 @@ class IncrementalSystem:
             handle = objects.add_object(entry.prior, self.state(entry), keys=entry.keys, name=entry.name)
             for observation in entry.observations:
                 if not observation.of_prior:
-                    objects.add_factors(handle, observation.factors)
+                    # later updates freeze the map's own anew
+                    objects.add_factors(handle, [copy(factor) for factor in observation.factors])
         return objects
 
     def _settled(

@@ -43,6 +43,16 @@ def test_incremental_is_batch(world):
     assert apart(grown, whole).mean < 0.5
 
 
+def test_a_batch_graph_stays_as_it_was_taken(world):
+    objects, _ = mapped(replace(world, frames=world.frames[:4]))
+    graph = objects.batch()
+    cost, same = graph.graph.error(graph.values), objects.batch()
+    assert same.graph.error(same.values) == cost
+    for frame in world.frames[4:]:
+        objects.update(frame, world.detections(frame))
+    assert graph.graph.error(graph.values) == cost
+
+
 def test_behind_a_lag_the_rest_is_optimised(world):
     objects, _ = mapped(replace(world, frames=world.frames[:5]), lag=2.5)
     assert not objects.system.smoother.has(X(0))

@@ -5,11 +5,15 @@ from dataclasses import replace
 import gtsam
 import numpy as np
 import pytest
+from factors.reduce import guarded_factor
 from gtsam.symbol_shorthand import X
 
+from factors.errors import NotFiniteError
 from factors.state import ObjectKeys, ObjectState
 from objgraph.errors import SolveError
+from objgraph.graph.solve import Problem
 from objgraph.observation.sampling import ObjectView, observe
+from objgraph.slam.incremental.local import polish
 from objgraph.slam.incremental.object_graph import IncrementalObjectGraph
 from objgraph.slam.incremental.tracked import TrackedObject
 from tests.objgraph.slam.test_incremental import QUICK, World, distance, mapper, two_chairs
@@ -90,3 +94,58 @@ def test_nothing_is_asked_of_objects_that_no_detection_is_near(world, monkeypatc
 
     monkeypatch.setattr(objects.system.smoother, "covariance", fail)
     objects.update(world.frames[1], [])
+
+
+def test_what_waits_for_more_views_goes_along_with_the_camera_that_saw_it(world):
+    objects = mapper(views_to_enter=9)
+    for frame in world.frames[:2]:
+        objects.update(frame, world.detections(frame))
+    before, move = objects.pose(X(0)), np.array([0.5, 0.0, 0.0])
+    fixes = [
+        gtsam.PriorFactorPose3(
+            key,
+            gtsam.Pose3(objects.pose(key).rotation(), objects.pose(key).translation() + move),
+            gtsam.noiseModel.Isotropic.Sigma(6, 1e-6),
+        )
+        for key in objects.cameras
+    ]
+    objects.update(world.frames[2], world.detections(world.frames[2]), factors=fixes)
+    assert np.allclose(objects.pose(X(0)).translation() - before.translation(), move, atol=0.01)
+    objects.update(world.frames[3], world.detections(world.frames[3]))
+    assert objects.pending == ("chair 0", "chair 1")
+
+
+@pytest.fixture
+def steep() -> Problem:
+    """A step whose end is beyond all numbers, and half of which is not."""
+
+    def evaluate(values: gtsam.Values, jacobian: bool):
+        at = float(values.atVector(0)[0])
+        if at > 0.7:
+            raise NotFiniteError("too far")
+        return np.array([np.sqrt(1.5 - at)]), [np.array([[-0.5 / np.sqrt(1.5 - at)]])]
+
+    graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
+    graph.push_back(guarded_factor([0], [1], 1, evaluate, "steep"))
+    values.insert(0, np.zeros(1))
+    problem = Problem("steep", graph, values, [])
+    problem.cost = graph.error(values)
+    return problem
+
+
+def test_a_step_that_is_too_long_is_shortened(steep):
+    polish(steep)
+    assert 0.3 < float(steep.values.atVector(0)[0]) <= 0.7
+    assert steep.cost < 0.75
+
+
+def test_a_step_that_nothing_determines_is_a_named_error(steep):
+    steep.values.insert(1, np.zeros(1))
+    steep.graph.push_back(
+        gtsam.LinearContainerFactor(
+            gtsam.JacobianFactor(1, np.zeros((1, 1)), np.zeros(1), gtsam.noiseModel.Unit.Create(1)),
+            steep.values,
+        )
+    )
+    with pytest.raises(SolveError, match="steep"):
+        polish(steep)
