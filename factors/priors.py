@@ -46,7 +46,11 @@ def scale_prior(
 
 
 def upright_prior(keys: ObjectKeys, up_world: Float[np.ndarray, "3"], sigma: float) -> gtsam.NonlinearFactor:
-    """The object's own up axis (+y) points against gravity, to within `sigma` radians about each axis."""
+    """The object's own up axis (+y) points against gravity, to within `sigma` radians about each axis.
+
+    GTSAM's residual is the sine of the lean: it is right for starts that lean by less than 90 degrees, and an object on
+    its head costs nothing.
+    """
     noise = gtsam.noiseModel.Isotropic.Sigma(2, _sigma("upright sigma", sigma))
     up_world = checks.direction("up_world", up_world)
     return gtsam.AttitudeFactorPose3(

@@ -11,10 +11,11 @@ import numpy as np
 import torch
 from jaxtyping import Float
 
+from factors import checks
 from factors.gaussian_depth import Deterministic
 from factors.rendering import RaySamples
 from factors.state import POSE_DOF, RIGID_DOF, ObjectState
-from objgraph.errors import SolveError
+from objgraph.errors import ConfigError, SolveError
 from objgraph.estimate.pool import Pool
 from objgraph.estimate.task import Estimate, EstimationTask, unusable
 from objgraph.estimate.terms import DrawnRays, RaySteps, draw_rays, linearize
@@ -44,6 +45,12 @@ class GaussNewtonConfig:
     """Whether rays are drawn of the first view alone; surface points are of all."""
     seed: int = 0
     """Of the points and rays drawn."""
+
+    def __post_init__(self) -> None:
+        """Raises ConfigError where a number is not one of its kind."""
+        checks.settings(
+            self, ConfigError, iterations=checks.Range(1), points=checks.Range(1), rays=checks.Range(1)
+        )
 
 
 @dataclass(frozen=True)

@@ -12,10 +12,12 @@ from jaxtyping import Float
 from factors import checks
 from factors.base import ObservationFactor
 from factors.depth import DepthFactor, RaySampling
+from factors.errors import FactorError
 from factors.filled_box import FilledBoxFactor
 from factors.floor import SPACING, SPACINGS, FloorFactor, floor_share
 from factors.full_distribution import FullDistribution
 from factors.gaussian_depth import Deterministic, Probabilistic, Sampled
+from factors.keys import readable_key
 from factors.priors import placed_prior, scale_prior, sized_prior, upright_prior
 from factors.rendering import Renderer
 from factors.state import ObjectKeys, ObjectState
@@ -144,6 +146,16 @@ class ObjectBuilder:
             ]
         return factors
 
+    def check_upright(self, keys: ObjectKeys, state: ObjectState) -> None:
+        """Raise FactorError where up is known and the object stands on its head: `upright` knows the sine of the lean alone."""
+        up_object = state.T_world_object.rotation().matrix()[:, 1]
+        if self.up_world is not None and up_object @ self.up_world < 0:
+            lean = np.degrees(np.arccos(np.clip(up_object @ self.up_world, -1, 1)))
+            raise FactorError(
+                f"{readable_key(keys.pose)}: the object's y axis, which is up, leans {lean:.0f} degrees from up_world: "
+                "turn the start about, or leave out up_world"
+            )
+
     def upright(self, keys: ObjectKeys) -> gtsam.NonlinearFactor:
         """The object does not lean. Up must be known."""
         assert self.up_world is not None
@@ -209,6 +221,7 @@ class ObjectBuilder:
         Raises:
             FactorError: the state or a view cannot be used.
         """
+        self.check_upright(ALONE, state)
         graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
         state.insert(values, ALONE)
         for factor in self.priors(prior, ALONE, box):

@@ -87,7 +87,8 @@ class ObjectGraph:
         measurement of place and size.
 
         Raises:
-            FactorError: one of the keys is already in the values, or the code is not of the prior's length.
+            FactorError: one of the keys is already in the values, the code is not of the prior's length, or the start
+                stands on its head.
             PriorError: the prior is none.
             ObservationError: views are given, but not which way is up.
             InitialisationError: the views do not suffice to place the object.
@@ -105,6 +106,7 @@ class ObjectGraph:
         keys = ObjectKeys.numbered(self._free_index()) if keys is None else keys
         handle = ObjectHandle(name, checks.instance(f"{name}: keys", keys, ObjectKeys), prior)
         state.check_finite(handle.keys)
+        builder.check_upright(handle.keys, state)
         # all that may fail comes before the first change
         known, factors = builder.priors(prior, handle.keys, box), builder.box(prior, handle.keys)
         standing = builder.standing(prior, handle.keys) if views else []
@@ -143,8 +145,13 @@ class ObjectGraph:
         handle.views.append(view.frame)
 
     def add_factors(self, handle: ObjectHandle, factors: Sequence[ObservationFactor]) -> None:
-        """Add observation factors on the object's keys that were made elsewhere; raises FactorError of another's object."""
+        """Add observation factors on the object's keys that were made elsewhere; raises FactorError of another object's."""
         self._check_known(handle)
+        for i, factor in enumerate(factors):
+            what = f"{handle.name}: factors[{i}]"
+            if checks.instance(what, factor, ObservationFactor).object_keys != handle.keys:
+                names = ", ".join(map(readable_key, factor.object_keys))
+                raise FactorError(f"{what} is of another object, {names}")
         for factor in factors:
             self._push(handle, factor.gtsam_factor())
             handle.factors.append(factor)
@@ -290,6 +297,8 @@ class ObjectGraph:
     def _check_removable(self, handle: ObjectHandle) -> None:
         self._check_known(handle)
         own = set(handle.keys)
+        if max(handle.slots, default=-1) >= self.graph.size():
+            raise FactorError(f"{handle.name}: the graph was shortened, its factors are not in it any more")
         for i in range(self.graph.size()):
             found = list(self.graph.at(i).keys()) if self.graph.exists(i) else None
             expected = handle.slots.get(i)

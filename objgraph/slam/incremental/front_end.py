@@ -95,7 +95,11 @@ class FrontEnd:
         return self.system.state(entry)
 
     def pose(self, camera: int) -> gtsam.Pose3:
-        """T_world_camera, or T_world_body where there is a `body_T_camera`, as it is estimated now."""
+        """T_world_camera, or T_world_body where there is a `body_T_camera`, as it is estimated now.
+
+        Raises:
+            SolveError: it is not in the map, or past its lag.
+        """
         return self.system.pose(camera)
 
     def marginals(self, entry: TrackedObject) -> ObjectCovariance:

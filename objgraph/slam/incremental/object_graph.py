@@ -96,8 +96,10 @@ class IncrementalObjectGraph(FrontEnd):
             checks.instance(f"{where}: values", values, gtsam.Values, SolveError)
         camera = self.next_camera if camera is None else checks.key(f"{where}: camera", camera, SolveError)
         if self.system.smoother.has(camera) or camera in self.cameras:
+            raise SolveError(f"{where}: {readable_key(camera)} is in the map already: give another key")
+        if values is not None and values.exists(camera):
             raise SolveError(
-                f"frame {frame.name}: {readable_key(camera)} is in the map already: give another key"
+                f"{where}: {readable_key(camera)}, the frame's own pose, must not be among `values`"
             )
         motion = self._motion(frame, camera)
         sightings = self.sightings(frame, detections, motion)

@@ -117,9 +117,11 @@ class Smoother:
         return number in self._slots
 
     def pose(self, key: int) -> gtsam.Pose3:
+        self._check([key])
         return self._isam.calculateEstimatePose3(key)
 
     def vector(self, key: int) -> Float[np.ndarray, "d"]:
+        self._check([key])
         return np.array(self._isam.calculateEstimateVector(key))
 
     def estimate(self) -> gtsam.Values:

@@ -261,6 +261,8 @@ class IncrementalSystem:
             SolveError: nothing has been changed.
         """
         assert isinstance(self.smoother, Smoother)  # a caller's own is his to solve
+        if not self.cameras:
+            return
         for entry in self.objects:
             self._prune(entry)
         observations = [observation for entry in self.objects for observation in entry.observations]

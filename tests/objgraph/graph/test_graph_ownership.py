@@ -216,3 +216,35 @@ def test_an_object_that_the_caller_holds_stays():
     objects.graph.remove(0)
     with pytest.raises(FactorError, match="rearranged"):
         objects.remove_object(handle)
+
+
+def test_an_object_whose_factors_were_cut_off_is_not_removed():
+    objects = empty()
+    handle = objects.add_object(toy_prior(), toy_state())
+    objects.graph.resize(0)
+    with pytest.raises(FactorError, match="chair 0: the graph was shortened"):
+        objects.remove_object(handle)
+    assert objects.objects == [handle]
+
+
+def test_factors_of_another_object_are_refused():
+    objects = empty()
+    handles = [objects.add_object(toy_prior(), toy_state()) for _ in range(2)]
+    factors = objects.builder.box(replace(toy_prior(), box=np.ones(3)), handles[1].keys)
+    before = objects.graph.size()
+    for given, message in ((factors, r"factors\[0\] is of another object, o1"), ([42], "must be of type")):
+        with pytest.raises(FactorError, match=f"chair 0: .*{message}"):
+            objects.add_factors(handles[0], given)
+    assert objects.graph.size() == before
+
+
+@pytest.mark.parametrize("lean", [np.pi, np.radians(100)])
+def test_a_start_on_its_head_is_refused_where_up_is_known(lean):
+    state = toy_state()
+    turned = state.T_world_object.compose(gtsam.Pose3(gtsam.Rot3.Rx(lean), np.zeros(3)))
+    fallen = replace(state, T_world_object=turned)
+    objects = empty()
+    with pytest.raises(FactorError, match=f"o0: .* leans {np.degrees(lean):.0f} degrees from up_world"):
+        objects.add_object(toy_prior(), fallen, up_world=UP)
+    assert objects.values.size() == objects.graph.size() == 0
+    objects.add_object(toy_prior(), fallen)

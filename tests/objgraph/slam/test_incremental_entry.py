@@ -5,10 +5,10 @@ from dataclasses import replace
 import gtsam
 import numpy as np
 import pytest
-from factors.reduce import guarded_factor
 from gtsam.symbol_shorthand import X
 
 from factors.errors import NotFiniteError
+from factors.reduce import guarded_factor
 from factors.state import ObjectKeys, ObjectState
 from objgraph.errors import SolveError
 from objgraph.graph.solve import Problem

@@ -12,6 +12,8 @@ from tests.toys import toy_frame, toy_prior, toy_state
 
 UP = np.array([0.0, 0.0, 1.0])
 FRAME = toy_frame([toy_state()], 0.3)
+OWN = gtsam.Values()
+OWN.insert(X(0), gtsam.Pose3())
 
 
 @pytest.mark.parametrize(
@@ -22,6 +24,7 @@ FRAME = toy_frame([toy_state()], 0.3)
         ({"camera": "x0"}, SolveError, "frame 0: camera must be a key"),
         ({"factors": [None]}, SolveError, r"frame 0: factors\[0\] must be of type NonlinearFactor"),
         ({"values": {}}, SolveError, "frame 0: values must be of type Values"),
+        ({"values": OWN}, SolveError, "frame 0: x0, the frame's own pose, must not be among `values`"),
     ],
 )
 def test_an_update_that_is_none_changes_nothing(given, error, message):
@@ -30,6 +33,17 @@ def test_an_update_that_is_none_changes_nothing(given, error, message):
         objects.update(**({"frame": FRAME, "detections": []} | given))
     assert not objects.cameras
     assert objects.estimate().size() == 0
+
+
+def test_a_map_without_frames_can_be_optimised_and_has_no_cameras():
+    objects = IncrementalObjectGraph(UP)
+    objects.optimize()
+    assert objects.estimate().size() == 0
+    with pytest.raises(SolveError, match="x7: not in the incremental system"):
+        objects.pose(X(7))
+    objects.update(FRAME, [])
+    objects.optimize()
+    assert objects.pose(X(0)).equals(gtsam.Pose3(FRAME.T_world_camera), 1e-6)
 
 
 def test_a_category_of_which_nothing_is_known_is_left_out_with_the_reason():
