@@ -129,23 +129,6 @@ class ObjectState:
         rotation = gtsam.Rot3.Logmap(self.T_world_object.rotation())
         return np.concatenate([self.T_world_object.translation(), rotation, self.scale])
 
-    @property
-    def xi_object_world(self) -> Float[np.ndarray, "9"]:
-        """[t, phi, s] of the paper's world-to-object transform; raises FactorError for anisotropic scale.
-
-        The inverse of T·R·S has the form T·R·S only where the three scales are equal.
-        """
-        scale = self.scale
-        if np.ptp(scale) > 1e-9 * scale.max():
-            raise FactorError(
-                f"the scale {scale} is anisotropic, so the world-to-object transform has no T·R·S form: "
-                "use xi_world_object or matrix"
-            )
-        inverse = self.T_world_object.inverse()
-        return np.concatenate(
-            [inverse.translation() / scale, gtsam.Rot3.Logmap(inverse.rotation()), 1.0 / scale]
-        )
-
     def to_object(self, p_world: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
         """Canonical object coordinates of world points: exp(-s) * R^T (p_world - t)."""
         R_world_object = self.T_world_object.rotation().matrix()

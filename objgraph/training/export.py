@@ -19,7 +19,7 @@ from objgraph.training.index import CadMesh
 from objgraph.training.progress import bars
 from objgraph.training.samples import SURFACE_POINTS
 from objgraph.training.size import size_statistics
-from objgraph.training.train import TrainConfig, Trained, load_trained, train
+from objgraph.training.train import TrainConfig, Trained, train
 
 log = logging.getLogger(__name__)
 
@@ -41,16 +41,6 @@ def train_command(config: TrainConfig) -> Path:
 
         trained = train(config, corpus, report)
     return _write(config, corpus, trained)
-
-
-def export_command(config: TrainConfig) -> Path:
-    """Write the prior of a training's checkpoint, finished or not, as `out/CATEGORY.safetensors`.
-
-    Raises:
-        PriorError: there is no checkpoint of this training.
-    """
-    corpus = _corpus(config)
-    return _write(config, corpus, load_trained(config, corpus))
 
 
 def _corpus(config: TrainConfig) -> Corpus:

@@ -3,7 +3,6 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Literal
 
 import numpy as np
 import trimesh
@@ -52,14 +51,6 @@ class Cut:
     """Section just below the underside."""
     loose: tuple[float, float]
     """Shares of the upper and the lower half that hang in the air once cut."""
-
-
-def swappable(solid: Solid, category: str, role: Literal["top", "base"]) -> bool:
-    """Whether a solid has a cut and its upper (lower) half would hold together."""
-    try:
-        return find_cut(solid, category).loose[role == "base"] <= _LOOSE_SHARE
-    except PriorError:
-        return False
 
 
 def swap(top: Solid, base: Solid, category: str, rng: Generator) -> Solid:

@@ -225,21 +225,6 @@ def _train(config: TrainConfig, corpus: Corpus, progress: Progress | None) -> Tr
     return _trained(config, corpus, model, step, mean)
 
 
-def load_trained(config: TrainConfig, corpus: Corpus) -> Trained:
-    """The averaged weights of a training's checkpoint, finished or not.
-
-    Raises:
-        PriorError: there is no checkpoint of this training.
-    """
-    shapes = corpus.training
-    model, optimizer = _model(config, len(shapes), len(shapes[0].sdf))
-    path = checkpoint_path(config)
-    if not path.is_file():
-        raise PriorError(f"{path} does not exist: this category has not been trained in that folder")
-    step, mean = _resume(config, path, model, optimizer)
-    return _trained(config, corpus, model, step, mean)
-
-
 def schedule(config: TrainConfig, step: int) -> float:
     """Share of the learning rates at a step: linear rise, plateau, linear fall to a fiftieth."""
     rise = min(1.0, (step + 1) / max(config.optimiser.warmup, 1))

@@ -52,17 +52,6 @@ def test_retract_is_gtsams(keys):
     np.testing.assert_allclose(actual.code, expected.code)
 
 
-def test_paper_form_is_the_inverse_where_it_exists():
-    state = random_state(np.random.default_rng(1))
-    with pytest.raises(FactorError, match="anisotropic"):
-        _ = state.xi_object_world
-    state = ObjectState(state.T_world_object, np.full(3, 0.2), state.code)
-    t, phi, s = np.split(state.xi_object_world, 3)
-    matrix = np.eye(4)
-    matrix[:3, :3], matrix[:3, 3] = gtsam.Rot3.Expmap(phi).matrix() * s, t
-    np.testing.assert_allclose(matrix @ state.matrix, np.eye(4), atol=1e-12)
-
-
 def test_taken_keys_are_named(keys):
     values, state = gtsam.Values(), random_state(np.random.default_rng(2))
     state.insert(values, keys)

@@ -22,19 +22,15 @@ _PADDING = 2
 _BLOCK = 4  # voxels a side that are ruled out together
 
 
-def chamfer_m(estimate: PlacedMesh, truth: PlacedMesh, seed: int = 0, points: int = CHAMFER_POINTS) -> float:
-    """Mean of the two directed mean distances between surfaces, in metres, in the world frame.
-
-    Points are uniform by metric area and drawn independently on either side, so equal surfaces do not give
-    zero but about half the mean spacing of the points: half a centimetre on a chair.
-    """
-    return surface_errors(estimate, truth, seed, points)[0]
-
-
 def surface_errors(
     estimate: PlacedMesh, truth: PlacedMesh, seed: int = 0, points: int = CHAMFER_POINTS
 ) -> tuple[float, float]:
-    """`chamfer_m`, and the share of the true surface that the estimate's is within `RECALL_M` of."""
+    """Chamfer distance, and the share of the true surface that the estimate's is within `RECALL_M` of.
+
+    The former is the mean of the two directed mean distances between surfaces, in metres, in the world frame. Points
+    are uniform by metric area and drawn independently on either side, so equal surfaces do not give zero but about
+    half the mean spacing of the points: half a centimetre on a chair.
+    """
     a, b = _sample(estimate, points, seed), _sample(truth, points, seed + 1)
     of_estimate, of_truth = cKDTree(b).query(a)[0], cKDTree(a).query(b)[0]
     return float((of_estimate.mean() + of_truth.mean()) / 2), float((of_truth < RECALL_M).mean())
