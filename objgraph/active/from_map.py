@@ -32,7 +32,7 @@ def targets_from_map(
     for entry in chosen:
         prior = by_category[entry.category]
         _check_prior(entry, prior)
-        name = f"{entry.category} {entry.id}"
+        name = entry.name
         seen_from = [gtsam.Pose3(T) for T in entry.cameras] if entry.cameras is not None else []
         found.append(target(
             name, prior, entry.state, entry.uncertainty,

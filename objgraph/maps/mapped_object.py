@@ -152,6 +152,16 @@ class MappedObject:
         _check_consistency(self)
 
     @property
+    def name(self) -> str:
+        """As pages, tables and messages call it."""
+        return f"{self.category} {self.id}"
+
+    @property
+    def is_fallback(self) -> bool:
+        """Whether its category had no prior, and another stood in."""
+        return self.prior is not None and self.prior.fallback
+
+    @property
     def state(self) -> ObjectState:
         """Pose, scale and code; raises MapError of an object that is not mapped."""
         if self.T_world_object is None or self.scale is None or self.code is None:
@@ -190,7 +200,7 @@ class MappedObject:
         if self.joint_covariance is None:
             raise MapError(f"{_label(self)} has no joint covariance; map it again")
         source = "adam" if self.estimator == "adam" else "marginals"
-        return ObjectCovariance.of(self.joint_covariance, source, f"{self.category} {self.id}")
+        return ObjectCovariance.of(self.joint_covariance, source, self.name)
 
     def _put(self, name: str, value: Any) -> None:
         object.__setattr__(self, name, value)

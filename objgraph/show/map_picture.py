@@ -84,8 +84,7 @@ def map_picture(
 
 
 def _name(entry: MappedObject) -> str:
-    fallback = entry.prior is not None and entry.prior.fallback
-    return f"{entry.category} {entry.id}{' (fallback)' if fallback else ''}"
+    return f"{entry.name}{' (fallback)' if entry.is_fallback else ''}"
 
 
 def _vertices(entry: MappedObject) -> Float[np.ndarray, "v 3"]:

@@ -12,7 +12,7 @@ from objgraph.errors import MapError
 from objgraph.maps.files import EVALUATION
 from objgraph.maps.mapped_object import MappedObject
 from objgraph.show import summary
-from objgraph.show.placement import LEAST
+from objgraph.show.placement import LEAST, place_of
 from objgraph.trust.verdict import SURE
 
 
@@ -36,6 +36,7 @@ ERRORS = (
     Column("scale_pct", "scale", "%", 1), Column("box_iou", "box IoU", "", 2), Column("chamfer_m", "Chamfer", "cm", 1),
 )  # fmt: skip
 """Of `evaluation.json`."""
+UNCALIBRATED = "standard deviations are the estimator's own: not calibrated, too small"
 
 
 def columns_of(errors: Mapping[int, Any]) -> list[Column]:
@@ -45,19 +46,17 @@ def columns_of(errors: Mapping[int, Any]) -> list[Column]:
 
 def object_row(entry: MappedObject, up_world: Float[np.ndarray, "3"]) -> dict[str, Any]:
     """An object's figures by column, in the columns' units; what is not known is left out."""
-    covariance = entry.covariance if entry.box_covariance is None else entry.box_covariance
-    trust = entry.trust
+    place, trust = place_of(entry), entry.trust
     verdict = entry.status if trust is None else f"{trust.word}, {trust.percent} %"
-    row: dict[str, Any] = {"object": name_of(entry), "status": verdict}
+    row: dict[str, Any] = {"object": entry.name, "status": verdict}
     row |= {"views": len(entry.views), "seconds": entry.seconds}
     if entry.size_m is not None:
         row["size"] = " x ".join(f"{edge:.2f}" for edge in entry.size_m)
-    if entry.T_world_object is not None and covariance is not None:
-        sigma = summary.position_sigma(entry.T_world_object, covariance)
+    if entry.T_world_object is not None and place is not None and place.covariance is not None:
+        sigma = summary.position_sigma(entry.T_world_object, place.covariance)
         row["centre_sigma"] = 100 * float(np.linalg.norm(sigma))
-        row["heading_sigma"] = float(
-            np.degrees(summary.heading_sigma(entry.T_world_object, covariance, up_world))
-        )
+        heading = summary.heading_sigma(entry.T_world_object, place.covariance, up_world)
+        row["heading_sigma"] = float(np.degrees(heading))
     if entry.vertex_sigma is not None:
         row["surface_sigma"] = 100 * float(np.median(entry.vertex_sigma))
     if entry.turns is not None:
@@ -76,13 +75,15 @@ def remarks_of(entry: MappedObject) -> list[str]:
     remarks = [entry.reason] if entry.reason else []
     if entry.prior is not None and entry.prior.fallback:
         remarks.append(f"no prior for this category: stand-in {entry.prior.name}")
-    if entry.box_covariance is None and entry.covariance is not None:
-        remarks.append("standard deviations are the estimator's own: not calibrated, too small")
+    place = place_of(entry)
+    if place is not None and place.covariance is not None and not place.is_calibrated:
+        remarks.append(UNCALIBRATED)
     if entry.trust is not None and entry.trust.pose < SURE:
         remarks += entry.trust.why
     if entry.turns is not None:
         others = {90 * quarter: p for quarter, p in enumerate(entry.turns) if quarter and p > LEAST}
-        remarks += [f"may stand turned by {angle}°: {100 * p:.0f} %" for angle, p in others.items()]
+        words = [f"{angle}° ({100 * p:.0f} %)" for angle, p in others.items()]
+        remarks += [f"may stand turned by {' or '.join(words)}"] if words else []
     return remarks
 
 
@@ -98,8 +99,3 @@ def errors_beside(folder: Path) -> dict[int, dict[str, Any]]:
         return {}
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise MapError(f"{path}: not a readable list of errors ({error}); map the scan again") from error
-
-
-def name_of(entry: MappedObject) -> str:
-    """As all pages and tables call it."""
-    return f"{entry.category} {entry.id}"

@@ -13,8 +13,28 @@ from objgraph.show import summary
 
 LEVEL = 0.95
 """Of the ellipsoids."""
-LEAST = 0.02
+LEAST = 0.05
 """Probability of another heading below which it is neither drawn nor told."""
+
+
+class Place(NamedTuple):
+    """Where an object is said to be, and how well that is known."""
+
+    centre: Float[np.ndarray, "3"]
+    """Of its box where that has a covariance, its origin otherwise; world frame."""
+    covariance: Float[np.ndarray, "9 9"] | None
+    """Over `COVARIANCE_AXES` or `BOX_COVARIANCE_AXES`: rotation and translation in the object's axes come first."""
+    is_calibrated: bool
+    """Whether it is the box's; the estimator's own is too small."""
+
+
+def place_of(entry: MappedObject) -> Place | None:
+    """None of an object that has no place."""
+    if entry.T_world_object is None:
+        return None
+    if entry.box_centre is not None and entry.box_covariance is not None:
+        return Place(entry.box_centre, entry.box_covariance, True)
+    return Place(entry.T_world_object[:3, 3], entry.covariance, False)
 
 
 class Ellipsoid(NamedTuple):
@@ -50,15 +70,11 @@ class Heading(NamedTuple):
 
 
 def centre_ellipsoid(entry: MappedObject) -> Ellipsoid | None:
-    """Of the box's centre where its covariance is calibrated, of the object's origin by the estimator's otherwise."""
-    if entry.T_world_object is None:
+    """Of the place that an object is said to be at; None where nothing says how well that is known."""
+    place = place_of(entry)
+    if place is None or place.covariance is None or entry.T_world_object is None:
         return None
-    covariance, centre = entry.covariance, entry.T_world_object[:3, 3]
-    if entry.box_covariance is not None and entry.box_centre is not None:
-        covariance, centre = entry.box_covariance, entry.box_centre
-    if covariance is None:
-        return None
-    return Ellipsoid.of(centre, summary.position_covariance(entry.T_world_object, covariance))
+    return Ellipsoid.of(place.centre, summary.position_covariance(entry.T_world_object, place.covariance))
 
 
 def box_of(entry: MappedObject) -> OrientedBox | None:

@@ -1,16 +1,17 @@
 """A mapped scan as a picture: from above with boxes and ellipses of uncertainty, and the outlines in the camera's image."""
 
-from collections.abc import Sequence
 from pathlib import Path
 
 import cv2
 import numpy as np
 from jaxtyping import Float, UInt8
 from matplotlib.axes import Axes
+from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Polygon
 from scipy.spatial import ConvexHull
+from scipy.stats import chi2
 
 from objgraph.errors import MapError
 from objgraph.geometry.boxes import OrientedBox
@@ -18,7 +19,9 @@ from objgraph.maps.colors import COLORS
 from objgraph.maps.mapped_object import MappedObject
 from objgraph.maps.object_map import ObjectMap
 from objgraph.observation.lidar.frame import LidarFrame, Picture
+from objgraph.show import summary
 from objgraph.show.figure import finish
+from objgraph.show.placement import LEVEL, box_of, place_of
 from objgraph.show.raster import Camera, Surface, draw_surfaces
 
 _MAGNIFIED = 5.0
@@ -28,10 +31,8 @@ _AROUND = 5.0
 _FOOTPRINT = np.array([[-1, -1], [-1, 1], [1, 1], [1, -1]]) / 2
 
 
-def street_picture(
-    object_map: ObjectMap, frame: LidarFrame, path: Path, labels: Sequence[OrientedBox] = ()
-) -> None:
-    """Write a PNG of a mapped scan; `labels` are boxes to compare with.
+def street_picture(object_map: ObjectMap, frame: LidarFrame, path: Path) -> None:
+    """Write a PNG of a mapped scan.
 
     Raises:
         MapError: a mapped object has no mesh or no joint covariance.
@@ -42,7 +43,7 @@ def street_picture(
         heights.append(frame.picture.intrinsics.height / frame.picture.intrinsics.width)
     figure = Figure(figsize=(12, 1.2 + 11 * sum(heights)), dpi=100, layout="compressed")
     axes = figure.subplots(len(heights), 1, squeeze=False, height_ratios=heights)[:, 0]
-    _from_above(axes[0], object_map, frame, labels)
+    _from_above(axes[0], object_map, frame)
     axes[0].set_xlim(low[0], high[0])
     axes[0].set_ylim(low[1], high[1])
     if frame.picture is not None:
@@ -64,12 +65,10 @@ def outlined(object_map: ObjectMap, picture: Picture) -> UInt8[np.ndarray, "h w 
     return image
 
 
-def _from_above(axis: Axes, object_map: ObjectMap, frame: LidarFrame, labels: Sequence[OrientedBox]) -> None:
+def _from_above(axis: Axes, object_map: ObjectMap, frame: LidarFrame) -> None:
     """Ahead is to the right, so that a street fits the page."""
     level = _level(frame)
     axis.plot(*(frame.p_world @ level).T, ",", color="0.6", zorder=0)
-    for box in labels:
-        axis.add_patch(_outline(box, level, edgecolor="black", linestyle=":", zorder=4))
     for each in frame.detections:
         axis.add_patch(_outline(each.box, level, edgecolor="0.35", linestyle="--", zorder=2))
     for i, entry in enumerate(object_map.mapped):
@@ -90,8 +89,6 @@ def _from_above(axis: Axes, object_map: ObjectMap, frame: LidarFrame, labels: Se
             label=f"95 % ellipse of its middle, {_MAGNIFIED:.0f} times as large{raw}",
         ),
     ]
-    if labels:
-        handles.append(Line2D([], [], color="black", linestyle=":", label="label"))
     axis.legend(handles=handles, loc="upper left", fontsize=8)
 
 
@@ -109,23 +106,23 @@ def _reach(frame: LidarFrame) -> tuple[Float[np.ndarray, "2"], Float[np.ndarray,
 
 
 def _object_from_above(axis: Axes, entry: MappedObject, level: Float[np.ndarray, "3 2"], color: str) -> None:
-    surface, T = _surface(entry), entry.state.T_world_object.matrix()
-    vertices = surface.vertices
-    footprint = vertices @ level
+    footprint = _surface(entry).vertices @ level
     hull = footprint[ConvexHull(footprint).vertices]
     axis.add_patch(Polygon(hull, facecolor=color, alpha=0.25, zorder=1))
-    box = OrientedBox.about(vertices, T[:3, :3])
-    axis.add_patch(_outline(box, level, edgecolor=color, zorder=3))
-    through = level.T @ T[:3, :3]
-    known = _known(entry)
-    values, vectors = np.linalg.eigh(through @ known @ through.T)
-    turn = np.linspace(0, 2 * np.pi, 60)
-    radii = _MAGNIFIED * np.sqrt(5.991 * values.clip(min=0.0))  # chi-squared of two dimensions at 95 %
-    ellipse = (np.column_stack([np.cos(turn), np.sin(turn)]) * radii) @ vectors.T
-    axis.plot(*(box.centre @ level + ellipse).T, color=color, lw=2.5, zorder=5)
-    u, v = box.centre @ level
+    if (box := box_of(entry)) is not None:
+        axis.add_patch(_outline(box, level, edgecolor=color, zorder=3))
+    place = place_of(entry)
+    assert place is not None  # it is mapped
+    if place.covariance is not None:
+        known = summary.position_covariance(entry.state.T_world_object.matrix(), place.covariance)
+        values, vectors = np.linalg.eigh(level.T @ known @ level)
+        turn = np.linspace(0, 2 * np.pi, 60)
+        radii = _MAGNIFIED * np.sqrt(chi2.ppf(LEVEL, 2) * values.clip(min=0.0))
+        ellipse = (np.column_stack([np.cos(turn), np.sin(turn)]) * radii) @ vectors.T
+        axis.plot(*(place.centre @ level + ellipse).T, color=color, lw=2.5, zorder=5)
+    u, v = place.centre @ level
     axis.annotate(
-        f"{entry.category} {entry.id}",
+        entry.name,
         (u, v),
         xytext=(0, 16),
         textcoords="offset points",
@@ -133,16 +130,9 @@ def _object_from_above(axis: Axes, entry: MappedObject, level: Float[np.ndarray,
     )
 
 
-def _known(entry: MappedObject) -> Float[np.ndarray, "3 3"]:
-    """Covariance of its middle in its own axes: the box's, which is calibrated, or else the estimator's own."""
-    if entry.box_covariance is not None:
-        return entry.box_covariance[3:6, 3:6]
-    return entry.uncertainty.block("translation").matrix
-
-
 def _surface(entry: MappedObject) -> Surface:
     if entry.vertices is None or entry.faces is None:
-        raise MapError(f"{entry.category} {entry.id} has no mesh to draw")
+        raise MapError(f"{entry.name} has no mesh to draw")
     return Surface(entry.vertices, entry.faces, np.ones((len(entry.vertices), 3)))
 
 
@@ -153,6 +143,5 @@ def _outline(box: OrientedBox, level: Float[np.ndarray, "3 2"], **style) -> Poly
     return Polygon(corners @ level, fill=False, **style)
 
 
-def _rgb(i: int) -> tuple[int, int, int]:
-    code = COLORS[i % len(COLORS)]
-    return int(code[1:3], 16), int(code[3:5], 16), int(code[5:7], 16)
+def _rgb(i: int) -> tuple[int, ...]:
+    return tuple(round(255 * part) for part in to_rgb(COLORS[i % len(COLORS)]))

@@ -10,7 +10,8 @@ from rich.text import Text
 from objgraph.maps.mapped_object import MappedObject
 from objgraph.maps.object_map import ObjectMap
 from objgraph.show import summary
-from objgraph.trust.verdict import SURE
+from objgraph.show.object_rows import UNCALIBRATED, remarks_of
+from objgraph.show.placement import place_of
 
 NONE = "-"
 FALLBACK = "*"
@@ -20,8 +21,6 @@ RAW = "~"
 
 
 _COLORS = {"sure": "green", "likely": "green", "doubtful": "yellow", "poor": "red"}
-_WORTH_A_WORD = 0.1
-"""Probability of another heading from which on it is told."""
 
 
 def map_table(object_map: ObjectMap) -> Table:
@@ -52,7 +51,7 @@ def map_table(object_map: ObjectMap) -> Table:
     for entry in object_map.objects:
         table.add_row(
             str(entry.id),
-            escape(entry.category) + FALLBACK * is_fallback(entry),
+            escape(entry.category) + FALLBACK * entry.is_fallback,
             _size(entry.size_m),
             _position(entry),
             _heading(entry, object_map.up_world),
@@ -69,35 +68,25 @@ def _size(size_m: Float[np.ndarray, "3"] | None) -> str:
 
 
 def _position(entry: MappedObject) -> str:
-    if entry.T_world_object is None:
+    place = place_of(entry)
+    if place is None or entry.T_world_object is None:
         return NONE
-    position = entry.T_world_object[:3, 3] if entry.box_centre is None else entry.box_centre
-    covariance = _shown(entry)
-    if covariance is None:
-        return ", ".join(f"{p:.2f}" for p in position)
-    sigmas = summary.position_sigma(entry.T_world_object, covariance)
-    words = ", ".join(f"{p:.2f}±{s:.3f}" for p, s in zip(position, sigmas, strict=True))
-    return RAW * _is_raw(entry) + words
+    if place.covariance is None:
+        return ", ".join(f"{p:.2f}" for p in place.centre)
+    sigmas = summary.position_sigma(entry.T_world_object, place.covariance)
+    words = ", ".join(f"{p:.2f}±{s:.3f}" for p, s in zip(place.centre, sigmas, strict=True))
+    return RAW * (not place.is_calibrated) + words
 
 
 def _heading(entry: MappedObject, up_world: Float[np.ndarray, "3"]) -> str:
-    if entry.T_world_object is None:
+    place = place_of(entry)
+    if place is None or entry.T_world_object is None:
         return NONE
     degrees = f"{np.degrees(summary.heading(entry.T_world_object, up_world)):.0f}"
-    covariance = _shown(entry)
-    if covariance is None:
+    if place.covariance is None:
         return degrees
-    sigma = summary.heading_sigma(entry.T_world_object, covariance, up_world)
-    return f"{RAW * _is_raw(entry)}{degrees}±{np.degrees(sigma):.1f}"
-
-
-def _shown(entry: MappedObject) -> Float[np.ndarray, "9 9"] | None:
-    """The box's covariance, the estimator's where there is none."""
-    return entry.covariance if entry.box_covariance is None else entry.box_covariance
-
-
-def _is_raw(entry: MappedObject) -> bool:
-    return entry.box_covariance is None and entry.covariance is not None
+    sigma = summary.heading_sigma(entry.T_world_object, place.covariance, up_world)
+    return f"{RAW * (not place.is_calibrated)}{degrees}±{np.degrees(sigma):.1f}"
 
 
 def _right(entry: MappedObject) -> Text:
@@ -113,35 +102,22 @@ def _status(entry: MappedObject) -> Text:
 
 def _legend(object_map: ObjectMap) -> list[str]:
     """Whose standard deviations these are."""
+    places = [place for entry in object_map.objects if (place := place_of(entry)) is not None]
     lines = []
-    if any(entry.box_covariance is not None for entry in object_map.objects):
+    if any(place.is_calibrated for place in places):
         lines.append("± of the box, calibrated, other likely headings included (box_covariance)")
         lines.append("right: probability of a pose right within 20 cm, 20° and 20 % (trust)")
-    if any(map(_is_raw, object_map.objects)):
+    if any(place.covariance is not None and not place.is_calibrated for place in places):
         lines.append(f"{RAW} place of the origin, ± the estimator's own: not calibrated, too small")
+    if any(entry.is_fallback for entry in object_map.objects):
+        lines.append(f"{FALLBACK} no prior for this category: another stood in")
     return lines
 
 
 def _remarks(object_map: ObjectMap) -> list[str]:
-    """Why objects failed and how else they may stand, one line each, and what the mark of a fallback means: too long for
-    a column."""
-    reasons = [f"{e.category} {e.id} {e.status}: {e.reason}" for e in object_map.objects if e.reason]
-    names = {e.prior.name for e in object_map.objects if e.prior is not None and e.prior.fallback}
-    for e in object_map.objects:
-        if e.trust is not None and e.trust.pose < SURE and e.trust.why:
-            reasons.append(f"{e.category} {e.id} {e.trust.word}: {'; '.join(e.trust.why)}")
-    reasons += [f"{e.category} {e.id} {doubt}" for e in object_map.objects if (doubt := _doubt(e))]
-    return reasons + [f"{FALLBACK} no prior for this category: fallback {name}" for name in sorted(names)]
-
-
-def _doubt(entry: MappedObject) -> str | None:
-    """Which other headings are worth a word."""
-    if entry.turns is None:
-        return None
-    others = {90 * quarter: p for quarter, p in enumerate(entry.turns) if quarter and p > _WORTH_A_WORD}
-    words = [f"{angle}° ({100 * p:.0f} %)" for angle, p in others.items()]
-    return f"may stand turned by {' or '.join(words)}" if words else None
-
-
-def is_fallback(entry: MappedObject) -> bool:
-    return entry.prior is not None and entry.prior.fallback
+    """What to know beside the figures, a line an object: too long for a column."""
+    lines = []
+    for entry in object_map.objects:
+        remarks = [remark for remark in remarks_of(entry) if remark != UNCALIBRATED]  # its figures are marked
+        lines += [f"{entry.name}: {'; '.join(remarks)}"] if remarks else []
+    return lines

@@ -12,7 +12,7 @@ from rich.text import Text
 from objgraph.bench.metrics.maps import MapErrors
 from objgraph.bench.metrics.metrics import CHAMFER_LIMIT_M, IOU_LIMIT
 from objgraph.maps.object_map import ObjectMap
-from objgraph.show.tables import FALLBACK, NONE, is_fallback
+from objgraph.show.tables import FALLBACK, NONE
 
 
 @dataclass(frozen=True)
@@ -53,7 +53,7 @@ def evaluation_table(object_map: ObjectMap, errors: MapErrors) -> Table | None:
         e = errors.objects[entry.id]
         table.add_row(
             str(entry.id),
-            escape(entry.category) + FALLBACK * is_fallback(entry),
+            escape(entry.category) + FALLBACK * entry.is_fallback,
             _value(e, "translation_m", 100, 1),
             _value(e, "rotation_deg", 1, 1),
             _value(e, "scale_pct", 1, 1),

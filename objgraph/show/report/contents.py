@@ -18,7 +18,6 @@ from objgraph.show.object_rows import (
     columns_of,
     error_row,
     errors_beside,
-    name_of,
     object_row,
     remarks_of,
 )
@@ -49,7 +48,7 @@ def map_contents(
         objects.append(
             {
                 "id": entry.id,
-                "name": name_of(entry),
+                "name": entry.name,
                 "mapped": entry.status == "mapped",
                 "row": object_row(entry, object_map.up_world) | error_row(errors.get(entry.id, {})),
                 "remarks": remarks_of(entry),

@@ -6,7 +6,6 @@ from jaxtyping import Float
 
 from objgraph.maps.object_map import ObjectMap
 from objgraph.show.framing import framing_camera, intrinsics_for, oblique_direction
-from objgraph.show.object_rows import name_of
 from objgraph.show.rerun_view import paths
 
 _AZIMUTH, _ELEVATION = np.radians(-60), np.radians(35)
@@ -23,7 +22,7 @@ def map_layout(object_map: ObjectMap, *, frames: bool, solved: int | None = None
     """
     vertices = [entry.vertices for entry in object_map.mapped if entry.vertices is not None]
     eye = None if not vertices else _eye(np.concatenate(vertices), object_map.up_world)
-    replaced = [paths.object_path(name_of(entry)) for entry in object_map.objects if entry.id == solved]
+    replaced = [paths.object_path(entry.name) for entry in object_map.objects if entry.id == solved]
     if solved is not None:
         replaced.append(paths.CAMERA)
     left = rrb.Vertical(

@@ -16,7 +16,6 @@ from objgraph.show.object_rows import (
     columns_of,
     error_row,
     errors_beside,
-    name_of,
     object_row,
     remarks_of,
 )
@@ -43,7 +42,7 @@ def log_objects(recording: rr.RecordingStream, object_map: ObjectMap, folder: Pa
         row = object_row(entry, object_map.up_world) | error_row(errors.get(entry.id, {}))
         rows.append((entry, row))
         _log_object(recording, entry, paths.object_color(i), limit)
-        recording.log(paths.object_path(name_of(entry)), _markdown(_facts(entry, row, columns)), static=True)
+        recording.log(paths.object_path(entry.name), _markdown(_facts(entry, row, columns)), static=True)
     recording.log(paths.TABLE, _markdown(_table(object_map, rows, columns)), static=True)
 
 
@@ -53,19 +52,17 @@ def _log_object(recording: rr.RecordingStream, entry: MappedObject, rgb: Rgb, li
         sigma = entry.vertex_sigma
         colors = None if sigma is None or limit is None else sigma_colors(sigma, limit)
         mesh = mesh_shape(entry.vertices, entry.faces, colors, rgb if colors is None else None)
-        recording.log(paths.object_path(name_of(entry), "mesh"), mesh, static=True)
+        recording.log(paths.object_path(entry.name, "mesh"), mesh, static=True)
         for heading in headings_of(entry):
             moved = transformed(heading.moved_world, entry.vertices)
             ghost = mesh_shape(moved, entry.faces, None, (*_GHOST, _opacity(heading.probability)))
-            path = paths.object_path(name_of(entry), "other_headings", f"turned_{90 * heading.quarter}")
+            path = paths.object_path(entry.name, "other_headings", f"turned_{90 * heading.quarter}")
             recording.log(path, ghost, static=True)
     if box is not None:
-        recording.log(
-            paths.object_path(name_of(entry), "box"), box_shape(box, name_of(entry), rgb), static=True
-        )
+        recording.log(paths.object_path(entry.name, "box"), box_shape(box, entry.name, rgb), static=True)
     if ellipsoid is not None:
         recording.log(
-            paths.object_path(name_of(entry), "ellipsoid"), ellipsoid_shape(ellipsoid, ELLIPSOID), static=True
+            paths.object_path(entry.name, "ellipsoid"), ellipsoid_shape(ellipsoid, ELLIPSOID), static=True
         )
 
 
@@ -85,13 +82,13 @@ def _table(
         "",
     ]
     told = [(entry, remarks_of(entry)) for entry, _ in rows]
-    return "\n".join(lines + [f"- {name_of(e)}: {_escaped('; '.join(r))}" for e, r in told if r])
+    return "\n".join(lines + [f"- {e.name}: {_escaped('; '.join(r))}" for e, r in told if r])
 
 
 def _facts(entry: MappedObject, row: Mapping[str, Any], columns: list[Column]) -> str:
     """One object's row, turned upright."""
     known = [(_label(column), _shown(row, column)) for column in columns if row.get(column.key) is not None]
-    lines = [f"**{_escaped(name_of(entry))}**", "", *(f"- {label}: {value}" for label, value in known)]
+    lines = [f"**{_escaped(entry.name)}**", "", *(f"- {label}: {value}" for label, value in known)]
     return "\n".join(lines + [f"- {_escaped(remark)}" for remark in remarks_of(entry)])
 
 

@@ -11,7 +11,6 @@ from objgraph.maps.mapped_object import MappedObject
 from objgraph.maps.object_map import ObjectMap
 from objgraph.observation.frames import Frame, FrameSource
 from objgraph.show import raster
-from objgraph.show.object_rows import name_of
 from objgraph.show.rerun_view import paths
 from objgraph.show.rerun_view.shapes import Rgb, Surface, camera_pose, path_line, pinhole
 
@@ -49,7 +48,7 @@ def log_frames(
         for i, entry in enumerate(object_map.objects)
         if entry.vertices is not None and entry.faces is not None
     ]
-    annotate(recording, [name_of(entry) for entry in object_map.objects])
+    annotate(recording, [entry.name for entry in object_map.objects])
     chosen = _chosen(object_map.objects, frames, most)
     eyes = []
     for done, i in enumerate(chosen, 1):

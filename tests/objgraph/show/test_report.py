@@ -15,7 +15,7 @@ from objgraph.cli.main import main
 from objgraph.errors import MapError
 from objgraph.maps.object_map import ObjectMap
 from objgraph.show import raster
-from objgraph.show.placement import LEVEL
+from objgraph.show.placement import LEAST, LEVEL
 from objgraph.show.report import REPORT, object_pictures, write_report
 from objgraph.show.summary import position_covariance
 from tests.browser import open_page
@@ -91,7 +91,7 @@ def test_ellipsoids_boxes_and_modes_are_the_map_s(saved):
         modes = entry.other_headings
         assert modes is not None
         kept = [
-            (p, state) for p, state in zip(modes.probability[1:], modes.states[1:], strict=True) if p > 0.02
+            (p, state) for p, state in zip(modes.probability[1:], modes.states[1:], strict=True) if p > LEAST
         ]
         for (p, state), mode in zip(kept, shown["modes"], strict=True):
             assert state is not None

@@ -27,7 +27,7 @@ from objgraph.maps.lidar import LidarMappingConfig
 from objgraph.maps.object_map import ObjectMap
 from objgraph.maps.pipeline import MappingConfig
 from objgraph.show import raster, rerun_view
-from objgraph.show.placement import LEVEL
+from objgraph.show.placement import LEAST, LEVEL
 from objgraph.show.summary import position_covariance
 from tests.objgraph.estimate.adam_cases import task
 from tests.objgraph.maps.map_cases import UP, failed, mapped
@@ -112,7 +112,7 @@ def test_meshes_boxes_ellipsoids_and_other_headings_are_the_map_s(saved, tmp_pat
         for quarter in (1, 2, 3):
             ghost = f"{path}/other_headings/turned_{90 * quarter}"
             state = modes.states[quarter]
-            if modes.probability[quarter] <= 0.02:
+            if modes.probability[quarter] <= LEAST:
                 assert ghost not in found.entities()
                 continue
             assert state is not None
