@@ -1,31 +1,25 @@
 """Training: it learns, resumes bit for bit after a kill, and stops cleanly where it must."""
 
-import json
 import multiprocessing
 import os
 import signal
-import sys
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
-import trimesh
-from hypothesis import given
-from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 from torch.distributions import Bernoulli
 
-from factors.decoder import DecoderConfig
 from objgraph.errors import PriorError
 from objgraph.priors.mesh import extract_mesh
 from objgraph.priors.registry import load_prior
 from objgraph.priors.shape_prior import ShapePrior
-from objgraph.training.corpus import Corpus, CorpusConfig, build_corpus
+from objgraph.training.corpus import Corpus, CorpusConfig
 from objgraph.training.export import attribution, make_prior, train_command
 from objgraph.training.fit import fit_error
-from objgraph.training.index import CadMesh, heldout_groups, read_index
+from objgraph.training.index import CadMesh
 from objgraph.training.losses import sign_errors
 from objgraph.training.samples import SampleConfig, SdfSamples
 from objgraph.training.train import (
@@ -36,7 +30,6 @@ from objgraph.training.train import (
     schedule,
     train,
 )
-from objgraph.training.train_guess import TrainGuessConfig
 
 
 def ball(radius: float, seed: int, count: int = 1500) -> SdfSamples:
@@ -55,21 +48,6 @@ def ball(radius: float, seed: int, count: int = 1500) -> SdfSamples:
 
 
 BALLS = Corpus(tuple(ball(r, i) for i, r in enumerate(np.linspace(0.2, 0.45, 8))), (), (), (), {})
-
-
-@pytest.fixture
-def config(tmp_path: Path) -> TrainConfig:
-    return TrainConfig(
-        category="chair",
-        out=tmp_path,
-        decoder=DecoderConfig(code_length=4, width=32, depth=3, skip=1),
-        normalisation="diagonal",
-        steps=12,
-        optimiser=OptimiserConfig(
-            shapes_per_step=4, points_per_shape=16, warmup=3, learning_rate=3e-3, average_decay=0.9
-        ),
-        guess=TrainGuessConfig(steps=0),
-    )
 
 
 def with_optimiser(config: TrainConfig, **changes) -> TrainConfig:
@@ -216,12 +194,6 @@ def test_nothing_to_train_on(config: TrainConfig) -> None:
         train(config, replace(BALLS, training=()))
 
 
-def test_meshes_without_the_libraries_for_them_are_refused_before_any_work(tmp_path, monkeypatch) -> None:
-    monkeypatch.setitem(sys.modules, "manifold3d", None)
-    with pytest.raises(PriorError, match=r"meshes need manifold3d: pip install 'objgraph\[train\]'"):
-        build_corpus("chair", [tmp_path], CorpusConfig(), SampleConfig(), tmp_path)
-
-
 def test_learning_rates_rise_stay_and_fall() -> None:
     config = TrainConfig(steps=1000, optimiser=OptimiserConfig(warmup=100, cooldown=0.4))
     shares = [schedule(config, step) for step in (0, 99, 500, 800, 999)]
@@ -229,28 +201,6 @@ def test_learning_rates_rise_stay_and_fall() -> None:
     assert shares[1:3] == [1.0, 1.0]
     assert shares[3] == pytest.approx(0.5)
     assert shares[4] == pytest.approx(0.02)
-
-
-@pytest.fixture
-def meshes(tmp_path: Path) -> Path:
-    """A folder of five tables in three groups, one of them unreadable."""
-    folder = tmp_path / "meshes"
-    folder.mkdir()
-    entries = []
-    for i, group in enumerate("aabca"):
-        name = f"t{i}.ply"
-        trimesh.creation.box((0.6 + 0.05 * i, 0.3, 0.5)).export(folder / name)
-        entry = {
-            "file": name,
-            "category": "table",
-            "group": group,
-            "licence": "CC0-1.0",
-            "attribution": f"box {i}",
-        }
-        entries.append({**entry, "source_repo": "boxes/boxes", "size_m": [1.2, 0.6, 1.0]})
-    (folder / "t4.ply").write_bytes(b"ply\nnothing")
-    (folder / "index.json").write_text(json.dumps({"meshes": entries}))
-    return folder
 
 
 def test_meshes_to_prior(meshes: Path, config: TrainConfig) -> None:
@@ -298,121 +248,6 @@ def test_what_a_prior_leaves_out_is_measured_on_what_people_made(
     assert len(errors) == 2
     assert abs(errors[0] - errors[1]) > 1e-4
     assert prior.residual_sigma == pytest.approx(np.median(chosen), rel=1e-3)
-
-
-def collected(sources: dict[str, list[str]]) -> list[CadMesh]:
-    """Entries whose groups are given by source."""
-    return [
-        CadMesh(Path(), f"{source}/{i}.ply", f"{source}:{group}", "CC0-1.0", "", source, None)
-        for source, groups in sources.items()
-        for i, group in enumerate(groups)
-    ]
-
-
-@given(
-    st.dictionaries(
-        st.sampled_from("abcdef"),
-        st.lists(st.sampled_from("123456789"), min_size=1, max_size=12),
-        min_size=1,
-    ),
-    st.floats(0.05, 0.45),
-)
-def test_every_source_holds_out_its_share_by_whole_groups(
-    sources: dict[str, list[str]], share: float
-) -> None:
-    entries = collected(sources)
-    held = heldout_groups(entries, share)
-    assert held == heldout_groups(entries[::-1], share)
-    for source in sources:
-        own = [entry for entry in entries if entry.source == source]
-        if len({entry.group for entry in own}) > 1:
-            assert sum(entry.group in held for entry in own) >= share * len(own)
-    assert heldout_groups(entries, 0.0) == set()
-
-
-def test_validation_never_sees_what_is_held_out(meshes: Path, tmp_path: Path) -> None:
-    (meshes / "t4.ply").write_bytes((meshes / "t0.ply").read_bytes())
-    entries = read_index(meshes, "table")
-    held = heldout_groups(entries, 0.2)
-    settings = CorpusConfig(procedural=0, swaps=0, copies=0, validation=True)
-    corpus = build_corpus("table", [meshes], settings, SampleConfig(count=600), tmp_path)
-    assert corpus.used
-    assert corpus.unseen
-    assert held.isdisjoint(entry.group for entry in corpus.used + corpus.unseen)
-
-
-@pytest.mark.parametrize(
-    "content", [None, "{", "[]", '{"meshes": [{"category": "table"}]}', '{"meshes": []}']
-)
-def test_bad_index_is_named(tmp_path: Path, content: str | None) -> None:
-    if content is not None:
-        (tmp_path / "index.json").write_text(content)
-    with pytest.raises(PriorError, match=r"index\.json"):
-        read_index(tmp_path, "table")
-
-
-@pytest.mark.parametrize(
-    "change",
-    [
-        {"group": None},
-        {"licence": 3},
-        {"kind": None},
-        {"size_m": [1, 2]},
-        {"size_m": "abc"},
-        {"size_m": [1, 0, 1]},
-        {"file": None},
-    ],
-)
-def test_an_entry_of_other_values_is_named(tmp_path: Path, change: dict) -> None:
-    names = ("file", "group", "licence", "attribution", "source_repo", "category")
-    entry = {**dict.fromkeys(names, "table"), "size_m": None}
-    (tmp_path / "index.json").write_text(json.dumps({"meshes": [entry]}))
-    assert len(read_index(tmp_path, "table")) == 1
-    (tmp_path / "index.json").write_text(json.dumps({"meshes": [entry | change]}))
-    with pytest.raises(PriorError, match=r"index\.json is no mesh index"):
-        read_index(tmp_path, "table")
-
-
-def test_any_folder_of_meshes_will_do(tmp_path: Path) -> None:
-    folder = tmp_path / "lamp"
-    folder.mkdir()
-    (tmp_path / "sofa").mkdir()
-    for i in range(6):
-        shade = trimesh.creation.cylinder(0.2 + 0.1 * i, 3.0)
-        shade.apply_translation([5, 0, 1])
-        shade.export(folder / f"{i}.stl")
-    trimesh.creation.box().export(tmp_path / "sofa" / "box.obj")
-    settings = CorpusConfig(procedural=0, copies=0)
-    corpus = build_corpus("lamp", [tmp_path], settings, SampleConfig(count=600), tmp_path / "cache")
-    assert {entry.file for entry in corpus.used + corpus.unseen} == {f"lamp/{i}.stl" for i in range(6)}
-    assert corpus.unseen
-    for shape in corpus.training:
-        assert np.linalg.norm(shape.extents) == pytest.approx(1)
-        assert np.abs(shape.points[np.abs(shape.sdf) < 1e-3]).max() < 0.51
-
-
-def test_processes_sample_the_same_shapes_from_several_folders(meshes: Path, tmp_path: Path) -> None:
-    other = tmp_path / "other" / "table"
-    other.mkdir(parents=True)
-    trimesh.creation.cylinder(0.5, 0.4).export(other / "round.ply")
-    (other / "flat.ply").write_text("no mesh")
-    folders, settings = [meshes, other.parent], CorpusConfig(procedural=6, copies=1, swaps=2)
-    one, two = (
-        build_corpus("table", folders, settings, SampleConfig(count=300), tmp_path / f"cache{jobs}", jobs)
-        for jobs in (1, 2)
-    )
-    assert {entry.folder for entry in one.used + one.unseen} == set(folders)
-    assert [entry.file for entry in one.used] == [entry.file for entry in two.used]
-    assert set(one.skipped) == set(two.skipped) == {"t4.ply", "table/flat.ply"}
-    for a, b in zip(one.training + one.heldout, two.training + two.heldout, strict=True):
-        assert a.name == b.name
-        assert_array_equal(a.points, b.points)
-        assert_array_equal(a.sdf, b.sdf)
-
-
-def test_unknown_category_needs_meshes(tmp_path: Path) -> None:
-    with pytest.raises(PriorError, match=r"'lamp' has no procedural family \(chair, table, car\)"):
-        build_corpus("lamp", [], CorpusConfig(), SampleConfig(), tmp_path)
 
 
 def test_training_leaves_the_global_generator_alone(config: TrainConfig) -> None:

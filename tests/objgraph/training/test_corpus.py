@@ -1,0 +1,138 @@
+"""What is trained on and what is held out: by source and group, from folders of meshes, and never both."""
+
+import json
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.testing import assert_array_equal
+
+from objgraph.errors import PriorError
+from objgraph.training.corpus import CorpusConfig, build_corpus
+from objgraph.training.index import CadMesh, heldout_groups, read_index
+from objgraph.training.samples import SampleConfig
+
+
+def collected(sources: dict[str, list[str]]) -> list[CadMesh]:
+    """Entries whose groups are given by source."""
+    return [
+        CadMesh(Path(), f"{source}/{i}.ply", f"{source}:{group}", "CC0-1.0", "", source, None)
+        for source, groups in sources.items()
+        for i, group in enumerate(groups)
+    ]
+
+
+@given(
+    st.dictionaries(
+        st.sampled_from("abcdef"),
+        st.lists(st.sampled_from("123456789"), min_size=1, max_size=12),
+        min_size=1,
+    ),
+    st.floats(0.05, 0.45),
+)
+def test_every_source_holds_out_its_share_by_whole_groups(
+    sources: dict[str, list[str]], share: float
+) -> None:
+    entries = collected(sources)
+    held = heldout_groups(entries, share)
+    assert held == heldout_groups(entries[::-1], share)
+    for source in sources:
+        own = [entry for entry in entries if entry.source == source]
+        if len({entry.group for entry in own}) > 1:
+            assert sum(entry.group in held for entry in own) >= share * len(own)
+    assert heldout_groups(entries, 0.0) == set()
+
+
+def test_validation_never_sees_what_is_held_out(meshes: Path, tmp_path: Path) -> None:
+    (meshes / "t4.ply").write_bytes((meshes / "t0.ply").read_bytes())
+    entries = read_index(meshes, "table")
+    held = heldout_groups(entries, 0.2)
+    settings = CorpusConfig(procedural=0, swaps=0, copies=0, validation=True)
+    corpus = build_corpus("table", [meshes], settings, SampleConfig(count=600), tmp_path)
+    assert corpus.used
+    assert corpus.unseen
+    assert held.isdisjoint(entry.group for entry in corpus.used + corpus.unseen)
+
+
+@pytest.mark.parametrize(
+    "content", [None, "{", "[]", '{"meshes": [{"category": "table"}]}', '{"meshes": []}']
+)
+def test_bad_index_is_named(tmp_path: Path, content: str | None) -> None:
+    if content is not None:
+        (tmp_path / "index.json").write_text(content)
+    with pytest.raises(PriorError, match=r"index\.json"):
+        read_index(tmp_path, "table")
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"group": None},
+        {"licence": 3},
+        {"kind": None},
+        {"size_m": [1, 2]},
+        {"size_m": "abc"},
+        {"size_m": [1, 0, 1]},
+        {"file": None},
+    ],
+)
+def test_an_entry_of_other_values_is_named(tmp_path: Path, change: dict) -> None:
+    names = ("file", "group", "licence", "attribution", "source_repo", "category")
+    entry = {**dict.fromkeys(names, "table"), "size_m": None}
+    (tmp_path / "index.json").write_text(json.dumps({"meshes": [entry]}))
+    assert len(read_index(tmp_path, "table")) == 1
+    (tmp_path / "index.json").write_text(json.dumps({"meshes": [entry | change]}))
+    with pytest.raises(PriorError, match=r"index\.json is no mesh index"):
+        read_index(tmp_path, "table")
+
+
+def test_any_folder_of_meshes_will_do(tmp_path: Path) -> None:
+    folder = tmp_path / "lamp"
+    folder.mkdir()
+    (tmp_path / "sofa").mkdir()
+    for i in range(6):
+        shade = trimesh.creation.cylinder(0.2 + 0.1 * i, 3.0)
+        shade.apply_translation([5, 0, 1])
+        shade.export(folder / f"{i}.stl")
+    trimesh.creation.box().export(tmp_path / "sofa" / "box.obj")
+    settings = CorpusConfig(procedural=0, copies=0)
+    corpus = build_corpus("lamp", [tmp_path], settings, SampleConfig(count=600), tmp_path / "cache")
+    assert {entry.file for entry in corpus.used + corpus.unseen} == {f"lamp/{i}.stl" for i in range(6)}
+    assert corpus.unseen
+    for shape in corpus.training:
+        assert np.linalg.norm(shape.extents) == pytest.approx(1)
+        assert np.abs(shape.points[np.abs(shape.sdf) < 1e-3]).max() < 0.51
+
+
+def test_processes_sample_the_same_shapes_from_several_folders(meshes: Path, tmp_path: Path) -> None:
+    other = tmp_path / "other" / "table"
+    other.mkdir(parents=True)
+    trimesh.creation.cylinder(0.5, 0.4).export(other / "round.ply")
+    (other / "flat.ply").write_text("no mesh")
+    folders, settings = [meshes, other.parent], CorpusConfig(procedural=6, copies=1, swaps=2)
+    one, two = (
+        build_corpus("table", folders, settings, SampleConfig(count=300), tmp_path / f"cache{jobs}", jobs)
+        for jobs in (1, 2)
+    )
+    assert {entry.folder for entry in one.used + one.unseen} == set(folders)
+    assert [entry.file for entry in one.used] == [entry.file for entry in two.used]
+    assert set(one.skipped) == set(two.skipped) == {"t4.ply", "table/flat.ply"}
+    for a, b in zip(one.training + one.heldout, two.training + two.heldout, strict=True):
+        assert a.name == b.name
+        assert_array_equal(a.points, b.points)
+        assert_array_equal(a.sdf, b.sdf)
+
+
+def test_unknown_category_needs_meshes(tmp_path: Path) -> None:
+    with pytest.raises(PriorError, match=r"'lamp' has no procedural family \(chair, table, car\)"):
+        build_corpus("lamp", [], CorpusConfig(), SampleConfig(), tmp_path)
+
+
+def test_meshes_without_the_libraries_for_them_are_refused_before_any_work(tmp_path, monkeypatch) -> None:
+    monkeypatch.setitem(sys.modules, "manifold3d", None)
+    with pytest.raises(PriorError, match=r"meshes need manifold3d: pip install 'objgraph\[train\]'"):
+        build_corpus("chair", [tmp_path], CorpusConfig(), SampleConfig(), tmp_path)
