@@ -10,7 +10,7 @@ import trimesh
 
 from factors.decoder import Decoder, DecoderConfig
 from factors.state import ObjectState
-from objgraph.observation.frames import Frame, FrameSource, Intrinsics
+from objgraph.observation.frames import Frame, Intrinsics
 from objgraph.priors.shape_prior import ShapePrior
 
 TOY_CODE = 4
@@ -153,16 +153,3 @@ def toy_picture(
     instances = np.where(ids < len(states), ids + 1, 0)
     shape = (INTRINSICS.height, INTRINSICS.width)
     return Frame(name, depth.reshape(shape), INTRINSICS, T, instances.reshape(shape))
-
-
-class ListedFrames(FrameSource):
-    """Frames that are in memory already."""
-
-    def __init__(self, frames: list[Frame]) -> None:
-        self._frames = frames
-
-    def __len__(self) -> int:
-        return len(self._frames)
-
-    def __getitem__(self, index: int) -> Frame:
-        return self._frames[index]

@@ -43,7 +43,7 @@ from objgraph.estimate.task import Estimate, EstimationTask
 from objgraph.graph.builder import ObjectBuilder
 from objgraph.graph.initialise import InitialisationConfig, first_states
 from objgraph.maps.pipeline import scene_floor
-from objgraph.observation.frames import Frame, FrameSource, Scan
+from objgraph.observation.frames import ListedFrames, Scan
 from objgraph.observation.sampling import ObjectView, SamplingConfig, observe
 from objgraph.priors.mesh import extract_mesh
 from objgraph.priors.registry import load_prior
@@ -79,19 +79,6 @@ class Arguments:
     """Views that chance and even spreading get: half as many again as the policy."""
     criterion: Criterion = "corners"
     """What the next view is chosen for."""
-
-
-class OneFrame(FrameSource):
-    """All that has been seen at the beginning."""
-
-    def __init__(self, frame: Frame) -> None:
-        self.frame = frame
-
-    def __len__(self) -> int:
-        return 1
-
-    def __getitem__(self, index: int) -> Frame:
-        return self.frame
 
 
 @dataclass
@@ -152,7 +139,7 @@ def subject(case: Case, arguments: Arguments) -> Subject:
     frame = world.frame(world.first_camera(), "0", rng)
     view = observe(frame, TARGET, SAMPLING)
     floor = scene_floor(
-        Scan(case.id, OneFrame(frame), (case.instance,), UP)
+        Scan(case.id, ListedFrames([frame]), (case.instance,), UP)
     )  # by what has been seen, as all else
     middle = np.median(view.points_world, axis=0)
     cameras = sphere(middle, arguments.distance, UP, 3 * arguments.candidates, (5.0, 60.0))

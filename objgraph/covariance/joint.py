@@ -32,5 +32,5 @@ def joint_covariance(tree: gtsam.ISAM2, keys: Sequence[int]) -> Float[np.ndarray
     R = np.linalg.qr(A[~held] @ free, mode="r")
     if len(R) < free.shape[1] or not np.diag(R).all():
         raise RuntimeError("indeterminant linear system")
-    spread = solve_triangular(R, free.T, trans="T").T
+    spread = solve_triangular(R.T, free.T, lower=True).T
     return spread @ spread.T

@@ -1,6 +1,6 @@
 """From pixels or returns to what factors take."""
 
-from objgraph.observation.frames import Frame, FrameSource, Instance, Intrinsics, Scan
+from objgraph.observation.frames import Frame, FrameSource, Instance, Intrinsics, ListedFrames, Scan
 from objgraph.observation.lidar.observe import observe_lidar
 from objgraph.observation.lidar.road import road_under
 from objgraph.observation.sampling import ObjectView, SamplingConfig, observe
@@ -11,6 +11,7 @@ __all__ = [
     "FrameSource",
     "Instance",
     "Intrinsics",
+    "ListedFrames",
     "ObjectView",
     "SamplingConfig",
     "Scan",

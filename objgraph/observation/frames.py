@@ -1,5 +1,6 @@
 """What the sensor says about an object: frames, masks, and the points and rays sampled from them."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -149,6 +150,20 @@ class FrameSource:
     def names(self) -> tuple[str, ...]:
         """Of all frames; this reads every one, a source that knows them without says so."""
         return tuple(self[i].name for i in range(len(self)))
+
+
+class ListedFrames(FrameSource):
+    """Frames that are in memory."""
+
+    def __init__(self, frames: Sequence[Frame]) -> None:
+        """Raises ObservationError where one is no frame."""
+        self._frames = checks.tuple_of("frames", list(frames), Frame, ObservationError)
+
+    def __len__(self) -> int:
+        return len(self._frames)
+
+    def __getitem__(self, index: int) -> Frame:
+        return self._frames[index]
 
 
 def frame_of(frames: FrameSource, index: int) -> Frame:

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 import objgraph
 from objgraph.estimate import AdamConfig
 from objgraph.estimate.heading_modes import HeadingModesConfig
+from objgraph.observation.frames import ListedFrames
 from objgraph.observation.view_selection import ViewSelectionConfig
 from tests.fuzz.api_cases import (
     BRIEF,
@@ -21,7 +22,6 @@ from tests.fuzz.arguments import arguments, settings_of, wrong
 from tests.fuzz.inputs import attempt, fuzzed
 from tests.objgraph.graph.graph_cases import UP
 from tests.objgraph.maps.map_cases import mapped, other
-from tests.toys import ListedFrames
 
 
 @fuzzed

@@ -10,6 +10,7 @@ import objgraph
 from factors.depth import DepthFactor
 from factors.rays import Rays
 from objgraph.observation import summarize
+from objgraph.observation.frames import ListedFrames
 from objgraph.observation.sampling import SensorNoise
 from tests.fuzz.api_cases import (
     FRAME,
@@ -24,7 +25,7 @@ from tests.fuzz.api_cases import (
 from tests.fuzz.arguments import arguments, settings_of
 from tests.fuzz.inputs import attempt, fuzzed
 from tests.objgraph.graph.graph_cases import UP
-from tests.toys import INTRINSICS, ListedFrames
+from tests.toys import INTRINSICS
 
 
 def use_frame(instance=1, config=SAMPLING, seed=0, **parts: Any) -> None:

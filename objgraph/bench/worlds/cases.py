@@ -16,7 +16,7 @@ from objgraph.bench.worlds.viewpoints import VIEWS, Scene, Spacing, can_hold, dr
 from objgraph.datasets.ground_truth import AnnotatedScan, GroundTruth
 from objgraph.errors import DatasetError
 from objgraph.geometry.frames import transformed
-from objgraph.observation.frames import Frame, FrameSource, Instance
+from objgraph.observation.frames import Frame, Instance, ListedFrames
 from objgraph.synthetic.camera import CameraConfig, Pose, camera_matrix, intrinsics
 from objgraph.synthetic.faults import Difficulty, FaultRanges, Faults, ranges_of
 from objgraph.synthetic.furniture import Category, Furniture
@@ -114,7 +114,7 @@ class Case:
                 world.frame(gtsam.Pose3(_raised(pose, world.floor)), str(k), rng)
                 for k, (pose, rng) in enumerate(zip(cameras, noise, strict=True))
             ]
-            return AnnotatedScan(self.id, _Frames(frames), (self.instance,), UP, by_id)
+            return AnnotatedScan(self.id, ListedFrames(frames), (self.instance,), UP, by_id)
         truth = world.truth
         surface = transformed(truth.T_world_object, truth.scale * truth.vertices)[truth.faces]
         dark = dark_places(surface, self.faults.holes, world.noise)
@@ -138,7 +138,7 @@ class Case:
             **{name: [getattr(each, name) for each in photographs] for name in MEASURED},
         }
         frames = [each.frame for each in photographs]
-        return AnnotatedScan(self.id, _Frames(frames), (self.instance,), UP, by_id, conditions)
+        return AnnotatedScan(self.id, ListedFrames(frames), (self.instance,), UP, by_id, conditions)
 
     def world(self) -> "World":
         """The room itself, to be seen from anywhere: always the same. Raises as `scan` does."""
@@ -240,17 +240,6 @@ def _cases(config: BenchmarkConfig, category: str) -> list[Case]:
             )
         )  # fmt: skip
     return cases
-
-
-class _Frames(FrameSource):
-    def __init__(self, frames: list[Frame]) -> None:
-        self._frames = frames
-
-    def __len__(self) -> int:
-        return len(self._frames)
-
-    def __getitem__(self, index: int) -> Frame:
-        return self._frames[index]
 
 
 def _raised(T_room_any: Pose, floor: float) -> Pose:

@@ -20,9 +20,9 @@ from objgraph.datasets.ground_truth import AnnotatedScan, GroundTruth
 from objgraph.errors import ObservationError, SolveError
 from objgraph.estimate.task import Estimate, EstimationTask
 from objgraph.graph.initialise import FirstStates, InitialisationConfig
-from objgraph.observation.frames import Instance
+from objgraph.observation.frames import Instance, ListedFrames
 from objgraph.observation.sampling import SamplingConfig
-from tests.toys import TOY_CODE, ListedFrames, toy_frame, toy_mesh, toy_prior, toy_state
+from tests.toys import TOY_CODE, toy_frame, toy_mesh, toy_prior, toy_state
 
 FAST = ComparisonConfig(
     mesh_resolution=24,

@@ -1,6 +1,7 @@
 """Objects in a graph that somebody else owns: his keys, his variables, and out again."""
 
 from dataclasses import replace
+from typing import Any
 
 import gtsam
 import numpy as np
@@ -232,7 +233,11 @@ def test_factors_of_another_object_are_refused():
     handles = [objects.add_object(toy_prior(), toy_state()) for _ in range(2)]
     factors = objects.builder.box(replace(toy_prior(), box=np.ones(3)), handles[1].keys)
     before = objects.graph.size()
-    for given, message in ((factors, r"factors\[0\] is of another object, o1"), ([42], "must be of type")):
+    wrong: list[tuple[Any, str]] = [
+        (factors, r"factors\[0\] is of another object, o1"),
+        ([42], "must be of type"),
+    ]
+    for given, message in wrong:
         with pytest.raises(FactorError, match=f"chair 0: .*{message}"):
             objects.add_factors(handles[0], given)
     assert objects.graph.size() == before

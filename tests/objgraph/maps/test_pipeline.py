@@ -20,10 +20,10 @@ from objgraph.graph.solve import SolverConfig
 from objgraph.maps import pipeline as mapping
 from objgraph.maps.object_map import ObjectMap
 from objgraph.maps.pipeline import MappingConfig, map_object, map_scan, scene_points
-from objgraph.observation.frames import Instance, Scan
+from objgraph.observation.frames import Instance, ListedFrames, Scan
 from objgraph.observation.sampling import SamplingConfig, observe
 from objgraph.priors.registry import prior_for
-from tests.toys import INTRINSICS, ListedFrames, ToyDecoder, toy_frame, toy_mesh, toy_prior, toy_state
+from tests.toys import INTRINSICS, ToyDecoder, toy_frame, toy_mesh, toy_prior, toy_state
 
 UP = np.array([0.0, 0.0, 1.0])
 CONFIG = MappingConfig(

@@ -7,8 +7,8 @@ import pytest
 
 from objgraph.errors import ConfigError, ObservationError
 from objgraph.maps.pipeline import MappingConfig, map_scan
-from objgraph.observation.frames import Instance, Scan
-from tests.toys import ListedFrames, toy_frame, toy_state
+from objgraph.observation.frames import Instance, ListedFrames, Scan
+from tests.toys import toy_frame, toy_state
 
 UP = np.array([0.0, 0.0, 2.0])
 SCAN = Scan("room", ListedFrames([toy_frame([toy_state()], 0.3)]), (Instance(1, "chair"),), UP)

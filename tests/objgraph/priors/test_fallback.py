@@ -17,7 +17,7 @@ from objgraph.graph.initialise import InitialisationConfig, guesses
 from objgraph.maps import pipeline as mapping
 from objgraph.maps.object_map import ObjectMap
 from objgraph.maps.pipeline import MappingConfig, map_scan
-from objgraph.observation.frames import Frame, Instance, Scan
+from objgraph.observation.frames import Frame, Instance, ListedFrames, Scan
 from objgraph.observation.sampling import observe
 from objgraph.priors.fallback import fallback_prior
 from objgraph.priors.mesh import extract_mesh
@@ -25,7 +25,7 @@ from objgraph.priors.registry import available_priors, load_prior, prior_for
 from objgraph.priors.shape_prior import ShapePrior
 from objgraph.priors.store import save_prior
 from objgraph.show.tables import map_table
-from tests.toys import INTRINSICS, ListedFrames, look_at, toy_prior
+from tests.toys import INTRINSICS, look_at, toy_prior
 
 UP = np.array([0.0, 0.0, 1.0])
 SIZE = np.array([0.5, 0.3, 0.7])

@@ -13,7 +13,7 @@ from objgraph.cli.run_config import read_run
 from objgraph.datasets import scannet
 from objgraph.errors import DatasetError
 from objgraph.maps.pipeline import MappingConfig
-from objgraph.observation.frames import Frame, FrameSource
+from objgraph.observation.frames import Frame, ListedFrames
 from objgraph.observation.sampling import SensorNoise
 from objgraph.sensor import Sensor, SensorConfig, measure_sensor
 from objgraph.synthetic.camera import CameraConfig
@@ -21,23 +21,6 @@ from objgraph.synthetic.sample import SampleConfig, generate_sample
 
 ROTATION, TRANSLATION = 0.01, 0.02
 FEW = SensorConfig(pairs=25)
-
-
-class Frames(FrameSource):
-    """Some in a list."""
-
-    def __init__(self, frames: list[Frame]) -> None:
-        self._frames = frames
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        return tuple(frame.name for frame in self._frames)
-
-    def __len__(self) -> int:
-        return len(self._frames)
-
-    def __getitem__(self, index: int) -> Frame:
-        return self._frames[index]
 
 
 @pytest.fixture(scope="module")
@@ -60,8 +43,8 @@ def moved(frame: Frame, rng: np.random.Generator) -> Frame:
 
 def test_errors_of_poses_are_measured(room: list[Frame]):
     rng = np.random.default_rng(0)
-    exact = measure_sensor(Frames(room), FEW)
-    wrong = measure_sensor(Frames([moved(frame, rng) for frame in room]), FEW)
+    exact = measure_sensor(ListedFrames(room), FEW)
+    wrong = measure_sensor(ListedFrames([moved(frame, rng) for frame in room]), FEW)
     assert wrong.pose_sigma == pytest.approx((ROTATION, TRANSLATION), rel=0.4)
     assert exact.pose_sigma[0] < 0.3 * ROTATION
     assert exact.pose_sigma[1] < 0.3 * TRANSLATION
@@ -71,14 +54,14 @@ def test_what_a_patch_is_off_is_measured(room: list[Frame]):
     """Waves of 80 cm on all that is seen, other ones in each frame."""
     rng = np.random.default_rng(1)
     depths = np.array([1.5, 2.5])
-    before = measure_sensor(Frames(room), FEW).noise(depths)
+    before = measure_sensor(ListedFrames(room), FEW).noise(depths)
     waved = []
     for frame in room:
         v, u = np.indices(frame.depth.shape)
         across = 2 * np.pi * frame.depth / (0.8 * frame.intrinsics.fx)
         wave = np.sin(u * across + rng.uniform(0, 6)) * np.sin(v * across + rng.uniform(0, 6))
         waved.append(replace(frame, depth=np.where(frame.depth > 0, frame.depth * (1 + 0.01 * wave), 0.0)))
-    after = measure_sensor(Frames(waved), FEW).noise(depths)
+    after = measure_sensor(ListedFrames(waved), FEW).noise(depths)
     # a product of two waves of 1 % is half as much; registration takes some of it for motion
     assert (after > 1.5 * before).all()
     assert (after > 0.4 * 0.005 * depths).all()
@@ -87,7 +70,7 @@ def test_what_a_patch_is_off_is_measured(room: list[Frame]):
 
 def test_too_little_overlap_is_said(room: list[Frame]):
     with pytest.raises(DatasetError, match="overlap by 35%, 5 are due: look at more frames"):
-        measure_sensor(Frames(room[:2]), SensorConfig(frames=2))
+        measure_sensor(ListedFrames(room[:2]), SensorConfig(frames=2))
 
 
 def test_a_map_takes_what_is_written(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture):

@@ -14,13 +14,14 @@ from scipy.stats import chi2
 from objgraph.cli.main import main
 from objgraph.errors import MapError
 from objgraph.maps.object_map import ObjectMap
+from objgraph.observation.frames import ListedFrames
 from objgraph.show import raster
 from objgraph.show.placement import LEAST, LEVEL
 from objgraph.show.report import REPORT, object_pictures, write_report
 from objgraph.show.summary import position_covariance
 from tests.browser import open_page
 from tests.objgraph.maps.map_cases import UP, failed, mapped
-from tests.toys import ListedFrames, toy_frame, toy_mesh, toy_state
+from tests.toys import toy_frame, toy_mesh, toy_state
 
 
 def contents(path: Path) -> dict:

@@ -26,6 +26,7 @@ from objgraph.maps import pipeline
 from objgraph.maps.lidar import LidarMappingConfig
 from objgraph.maps.object_map import ObjectMap
 from objgraph.maps.pipeline import MappingConfig
+from objgraph.observation.frames import ListedFrames
 from objgraph.show import raster, rerun_view
 from objgraph.show.placement import LEAST, LEVEL
 from objgraph.show.summary import position_covariance
@@ -33,7 +34,7 @@ from tests.objgraph.estimate.adam_cases import task
 from tests.objgraph.maps.map_cases import UP, failed, mapped
 from tests.objgraph.maps.test_pipeline import CONFIG, chair, toy_priors, toy_scan
 from tests.objgraph.slam.test_incremental import mapper, two_chairs
-from tests.toys import ListedFrames, toy_frame, toy_mesh, toy_state
+from tests.toys import toy_frame, toy_mesh, toy_state
 
 STATIC = None
 
