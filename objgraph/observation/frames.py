@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Int, UInt8
@@ -156,14 +157,15 @@ class ListedFrames(FrameSource):
     """Frames that are in memory."""
 
     def __init__(self, frames: Sequence[Frame]) -> None:
-        """Raises ObservationError where one is no frame."""
-        self._frames = checks.tuple_of("frames", list(frames), Frame, ObservationError)
+        """Raises ObservationError where they are no list; what is no frame is named as it is read (`frame_of`)."""
+        self._frames = checks.tuple_of("frames", frames, object, ObservationError)
 
     def __len__(self) -> int:
         return len(self._frames)
 
     def __getitem__(self, index: int) -> Frame:
-        return self._frames[index]
+        frame: Any = self._frames[index]
+        return frame
 
 
 def frame_of(frames: FrameSource, index: int) -> Frame:

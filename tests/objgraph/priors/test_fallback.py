@@ -95,7 +95,7 @@ def test_it_is_labelled_wherever_it_is_told_of(bin_map, tmp_path):
         )
         table = map_table(object_map)
         assert "laundry basket*" in list(table.columns[1].cells)
-        assert "no prior for this category: fallback superquadric" in str(table.caption)
+        assert "no prior for this category: stand-in superquadric" in str(table.caption)
 
 
 def test_one_warning_a_category_names_the_ways_out(bin_scan, caplog):
