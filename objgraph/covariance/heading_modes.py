@@ -61,6 +61,11 @@ class HeadingModes:
                 of_turn[quarter], cheapest[quarter] = cost, state
         return HeadingModes.of_costs(of_turn, temperature, tuple(cheapest))
 
+    def turned(self, quarter: int) -> "HeadingModes":
+        """The same modes, of the object as it stands at one of them."""
+        states = self.states[quarter:] + self.states[:quarter]
+        return HeadingModes(np.roll(self.probability, -quarter), states)
+
     def second_moment(self, extents: Float[np.ndarray, "3"]) -> Float[np.ndarray, "9 9"]:
         """Mean square of what leads from the estimated box to the turned ones, over `BOX_AXES`."""
         swap = np.log(extents[2] / extents[0])

@@ -67,8 +67,7 @@ class Turned:
 
     def turns(self, quarter: int, temperature: float) -> HeadingModes:
         """Of the object as it stands turned by so many quarters."""
-        states = self.states[quarter:] + self.states[:quarter]
-        return HeadingModes.of_costs(np.roll(self.costs, -quarter), temperature, states)
+        return HeadingModes.of_costs(self.costs, temperature, self.states).turned(quarter)
 
 
 def heading_modes(

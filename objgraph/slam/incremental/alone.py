@@ -1,6 +1,7 @@
 """One object by its views alone, at cameras as the map has them: as it is first seen, as it enters, and now and then again."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import gtsam
 import numpy as np
@@ -21,76 +22,70 @@ _SAME = np.radians(45)
 """Turns by less are the same heading."""
 
 
-def rough_estimate(
-    name: str, prior: ShapePrior, view: ObjectView, builder: ObjectBuilder, config: IncrementalConfig
-) -> Estimate:
-    """Place an object by its first view and solve it roughly, to be recognised by; raises ObjectGraphError."""
-    first = first_states(prior, [view], builder, config.initialisation)
-    likeliest = FirstStates(first.states[:1], first.chances[:1])
-    return _estimated(name, prior, [view], builder, config, likeliest, config.rough, None)
+@dataclass(frozen=True)
+class Alone:
+    """An object and what has been seen of it; every estimate raises ObjectGraphError where there is none."""
 
+    name: str
+    prior: ShapePrior
+    views: Sequence[ObjectView]
+    builder: ObjectBuilder
+    config: IncrementalConfig
 
-def first_estimate(
-    name: str,
-    prior: ShapePrior,
-    views: Sequence[ObjectView],
-    builder: ObjectBuilder,
-    config: IncrementalConfig,
-) -> Estimate:
-    """Place an object that is to enter by its views, and solve the headings that it may have; raises ObjectGraphError."""
-    first = first_states(prior, views, builder, config.initialisation)
-    return _estimated(name, prior, views, builder, config, first, config.start, HeadingModesConfig())
+    def rough(self) -> Estimate:
+        """Where it is about, to be recognised by."""
+        first = self._first()
+        return self._solved(FirstStates(first.states[:1], first.chances[:1]), self.config.rough, None)
 
+    def first(self) -> Estimate:
+        """As it may enter the map: all headings that its views leave are solved."""
+        return self._solved(self._first(), self.config.start, HeadingModesConfig())
 
-def next_estimate(
-    name: str,
-    prior: ShapePrior,
-    views: Sequence[ObjectView],
-    builder: ObjectBuilder,
-    config: IncrementalConfig,
-    state: ObjectState,
-    *,
-    may_turn: bool,
-) -> Estimate:
-    """Solve an object of the map again, beginning where it is and, if it `may_turn`, at the other headings that its views
-    now leave; raises ObjectGraphError."""
-    if not may_turn:
-        return _estimated(name, prior, views, builder, config, FirstStates((state,)), config.tracking, None)
-    starts = FirstStates((state,))
-    if prior.guess is not None:
-        first = first_states(prior, views, builder, config.initialisation)
-        said = [
-            (other, p, is_turned(state, other)) for other, p in zip(first.states, first.chances, strict=True)
-        ]
-        own = max([config.initialisation.least_chance, *(p for _, p, turned in said if not turned)])
-        others = [(other, p) for other, p, turned in said if turned]
-        starts = FirstStates((state, *(other for other, _ in others)), (own, *(p for _, p in others)))
-    return _estimated(name, prior, views, builder, config, starts, config.tracking, HeadingModesConfig())
+    def again(self, state: ObjectState) -> Estimate:
+        """Beginning where it is, and in no other heading."""
+        return self._solved(FirstStates((state,)), self.config.tracking, None)
+
+    def again_in_all_headings(self, state: ObjectState) -> Estimate:
+        """Beginning where it is and at the other headings that its views leave; less than a nat does not turn it."""
+        starts = FirstStates((state,)) if self.prior.guess is None else self._beside(state)
+        found = self._solved(starts, self.config.tracking, HeadingModesConfig())
+        modes = found.turns
+        if modes is None or not is_turned(found.state, state):
+            return found
+        before = [i for i, other in enumerate(modes.states) if other and not is_turned(other, state)]
+        if not before or modes.probability[0] > np.e * modes.probability[before[0]]:
+            return found
+        return replace(self.again(state), turns=modes.turned(before[0]))
+
+    def _first(self) -> FirstStates:
+        return first_states(self.prior, self.views, self.builder, self.config.initialisation)
+
+    def _beside(self, state: ObjectState) -> FirstStates:
+        """The state, as likely as the first guess holds its heading, and the other headings' states."""
+        first = self._first()
+        said = list(zip(first.states, first.chances, strict=True))
+        others = [(other, p) for other, p in said if is_turned(state, other)]
+        same = [p for other, p in said if not is_turned(state, other)]
+        own = max([self.config.initialisation.least_chance, *same])
+        return FirstStates((state, *(other for other, _ in others)), (own, *(p for _, p in others)))
+
+    def _solved(
+        self, starts: FirstStates, solver: SolverConfig, headings: HeadingModesConfig | None
+    ) -> Estimate:
+        up_world, floor = self.builder.up_world, self.builder.floor
+        assert up_world is not None  # or nothing would have been placed
+        task = EstimationTask(
+            self.name, self.prior, starts.states, tuple(self.views), up_world, floor, chances=starts.chances
+        )
+        (result,) = GraphEstimator(self.config.graph, solver, heading_modes=headings).estimate([task])
+        if isinstance(result, ObjectGraphError):
+            raise result
+        if result.covariance is None:
+            raise SolveError(f"{self.name}: its estimate has no covariance")
+        return result
 
 
 def is_turned(a: ObjectState, b: ObjectState) -> bool:
     """Whether two states of an object have different headings, and no linear step leads from one to the other."""
     between = a.T_world_object.rotation().between(b.T_world_object.rotation())
     return bool(np.linalg.norm(gtsam.Rot3.Logmap(between)) > _SAME)
-
-
-def _estimated(
-    name: str,
-    prior: ShapePrior,
-    views: Sequence[ObjectView],
-    builder: ObjectBuilder,
-    config: IncrementalConfig,
-    starts: FirstStates,
-    solver: SolverConfig,
-    headings: HeadingModesConfig | None,
-) -> Estimate:
-    assert builder.up_world is not None  # or nothing would have been placed
-    task = EstimationTask(
-        name, prior, starts.states, tuple(views), builder.up_world, builder.floor, chances=starts.chances
-    )
-    (result,) = GraphEstimator(config.graph, solver, heading_modes=headings).estimate([task])
-    if isinstance(result, ObjectGraphError):
-        raise result
-    if result.covariance is None:
-        raise SolveError(f"{name}: its estimate has no covariance")
-    return result

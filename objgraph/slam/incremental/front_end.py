@@ -16,12 +16,13 @@ from objgraph.observation.frames import Frame, Instance
 from objgraph.observation.sampling import ObjectView, observe
 from objgraph.priors.shape_prior import ShapePrior
 from objgraph.slam.association import Detection, MappedCandidate, associate, duplicates
-from objgraph.slam.incremental.alone import first_estimate, rough_estimate
+from objgraph.slam.incremental.alone import Alone
 from objgraph.slam.incremental.motion import Motion, relative_covariance
 from objgraph.slam.incremental.pending import PendingObject
 from objgraph.slam.incremental.places import Places
 from objgraph.slam.incremental.system import IncrementalSystem
 from objgraph.slam.incremental.tracked import TrackedObject
+from objgraph.slam.incremental.upkeep import Upkeep
 
 _LOG = logging.getLogger(__name__)
 _NEARBY = 4.0
@@ -68,7 +69,7 @@ class FrontEnd:
     ) -> None:
         if not callable(find_prior) or not callable(object_keys):
             raise ConfigError("find_prior and object_keys must be functions, of a category and of a number")
-        self.system, self.config = system, system.config
+        self.system, self.config, self.upkeep = system, system.config, Upkeep(system)
         self._find_prior, self._object_keys = find_prior, object_keys
         self._pending: list[PendingObject] = []
         self._centres = Places[TrackedObject]()
@@ -213,9 +214,9 @@ class FrontEnd:
         due, reasons = list({entry.name: entry for entry in (*seen, *others)}.values()), []
         try:
             for entry in seen:
-                if entry.is_due and self.system.resolve(entry, self._next_keys):
+                if entry.is_due and self.upkeep.resolve(entry, self._next_keys):
                     reasons.append(f"{entry.name} has turned: its {entry.views} views say so")
-            self.system.renew(due, self.config.tolerance, self.config.refreshes)
+            self.upkeep.renew(due, self.config.tolerance, self.config.refreshes)
         except ObjectGraphError as error:
             reasons.append(f"upkeep is left for the next frame: {error}")
             _LOG.warning("%s", reasons[-1])
@@ -234,7 +235,7 @@ class FrontEnd:
         placed = view.at(T_world_camera)
         system = self.system
         try:
-            estimate = rough_estimate(name, prior, placed, system.builder, self.config)
+            estimate = Alone(name, prior, [placed], system.builder, self.config).rough()
         except ObjectGraphError as error:
             return [f"{name} is not started: {error}"]
         self._started += 1
@@ -270,7 +271,7 @@ class FrontEnd:
         """Solve a ripe object alone, then enter it, or its views where it is one that the map has already."""
         system = self.system
         views = [view.at(pending.cameras[key]) for key, view in pending.views]
-        pending.estimate = first_estimate(pending.name, pending.prior, views, system.builder, self.config)
+        pending.estimate = Alone(pending.name, pending.prior, views, system.builder, self.config).first()
         near = self._near([(view, pending.prior) for view in views])
         doubles = duplicates(
             [pending.candidate(), *(self._alone(entry) for entry in near)], self.config.association

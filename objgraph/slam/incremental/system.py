@@ -1,35 +1,30 @@
-"""The incremental map itself: cameras and tracked objects in one smoother, and how they enter, are renewed and merge."""
+"""The incremental map itself: cameras and tracked objects in one smoother, and how they enter and merge."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from copy import copy
-from dataclasses import replace
 
 import gtsam
 import numpy as np
 from jaxtyping import Float
 
 from factors import checks
-from factors.linearized import carried_along
-from factors.state import ObjectKeys, ObjectState
+from factors.state import ObjectState
 from objgraph.errors import ObservationError, SolveError
 from objgraph.graph.builder import ObjectBuilder
 from objgraph.graph.object_graph import ObjectGraph
 from objgraph.observation.sampling import ObjectView
-from objgraph.slam.incremental.alone import is_turned, next_estimate
-from objgraph.slam.incremental.config import IncrementalConfig, Tolerance
+from objgraph.slam.incremental.config import IncrementalConfig
 from objgraph.slam.incremental.local import at_optimum, settled, solved
 from objgraph.slam.incremental.smoother import Smoother
 from objgraph.slam.incremental.staged import StagedSmoother
 from objgraph.slam.incremental.tracked import (
     Observation,
     TrackedObject,
+    entered,
     freeze,
     linearize,
     linearize_frozen,
 )
-
-_RESOLVED = 12
-"""Views at most with which an object is solved again."""
 
 Placed = tuple[int, ObjectView]
 """A camera's key, and a view from there."""
@@ -145,7 +140,7 @@ class IncrementalSystem:
         self.cameras[camera] = name
         if self.config.lag is None:  # for `batch`, which there is none of with a lag
             self._others += factors
-        _entered(observations, quadratics, numbers[len(factors) :], at)
+        entered(observations, quadratics, numbers[len(factors) :], at)
         for entry, observation in seen:
             entry.observations.append(observation)
             entry.views += 1
@@ -158,7 +153,7 @@ class IncrementalSystem:
         Raises:
             SolveError: it has no optimum near `state`, or the smoother fails; nothing has been changed.
         """
-        self.enter(entry, *self._settled(entry, state, placed))
+        self.enter(entry, *self.settled_at(entry, state, placed))
 
     def enter(
         self,
@@ -175,7 +170,7 @@ class IncrementalSystem:
         """
         numbers = self.commit([*priors, *quadratics], at.extract(gtsam.KeyVector([*entry.keys])))
         entry.numbers = numbers[: len(priors)]
-        _entered(observations, quadratics, numbers[len(priors) :], at)
+        entered(observations, quadratics, numbers[len(priors) :], at)
         entry.observations = [*observations]
         entry.views = entry.views_solved = len(entry.placed_views)
         self.objects.append(entry)
@@ -191,68 +186,13 @@ class IncrementalSystem:
         observations = self.observations(entry, placed)
         cameras = sorted({camera for camera, _ in placed})
         at = self.solved([entry], cameras, observations, gtsam.Values())
-        remove = [] if instead_of is None else self._numbers(instead_of)
+        remove = [] if instead_of is None else self.numbers_of(instead_of)
         quadratics = linearize(observations, at, self.slope)
-        _entered(observations, quadratics, self.commit(quadratics, remove=remove), at)
+        entered(observations, quadratics, self.commit(quadratics, remove=remove), at)
         entry.observations += observations
         entry.views += len(placed) if instead_of is None else instead_of.views
         if instead_of is not None:
             self.objects.remove(instead_of)
-
-    def renew(self, entries: Sequence[TrackedObject], tolerance: Tolerance, limit: int | None = None) -> int:
-        """Linearise anew the observations that are farthest from where they were linearised; how many they were.
-
-        Those that only went along with a loop that was closed are carried along, without decoding.
-        """
-        stale: list[tuple[float, TrackedObject, Observation]] = []
-        travelled: list[tuple[Observation, gtsam.Values]] = []
-        for entry in entries:
-            self._prune(entry)
-            values = self.estimates([entry], _cameras(entry.observations))
-            for observation in entry.observations:
-                departure = entry.departure(observation, values, tolerance)
-                if departure > 1:
-                    stale.append((departure, entry, observation))
-                elif entry.has_travelled(observation, values):
-                    travelled.append((observation, values))
-        self._carry_along(travelled)
-        stale = sorted(stale, key=lambda each: -each[0])[:limit]
-        if not stale:
-            return 0
-        observations = [observation for *_, observation in stale]
-        owners = {entry.name: entry for _, entry, _ in stale}
-        values = self.estimates(list(owners.values()), _cameras(observations))
-        self._replace(observations, linearize(observations, values, self.slope), values)
-        return len(stale)
-
-    def resolve(self, entry: TrackedObject, other_keys: Callable[[], ObjectKeys]) -> bool:
-        """Solve the object alone, nonlinearly, against cameras as they are, and linearise all its observations there;
-        whether it has turned.
-
-        Mends what was settled by few views, a wrong heading too: one that turns goes on under `other_keys`, for no
-        linear step leads there. It costs some linearisations of every view, so it is for now and then. With a lag, an
-        object whose first views are past it keeps its heading: what they said cannot be taken back. Raises
-        ObjectGraphError, and has then changed nothing.
-        """
-        entry.views_solved = entry.views  # one that fails would otherwise be tried at every frame
-        self._prune(entry)
-        placed, state = entry.placed_views, self.state(entry)
-        some = np.unique(np.linspace(0, len(placed) - 1, min(len(placed), _RESOLVED)).astype(int))
-        views = [placed[i][1].at(self.camera_pose(placed[i][0])) for i in some]
-        may_turn = len(placed) == entry.views
-        found = next_estimate(
-            entry.name, entry.prior, views, self.builder, self.config, state, may_turn=may_turn
-        )
-        turns = is_turned(found.state, state)
-        if turns:
-            self._turn(entry, other_keys(), found.state)
-        else:
-            values = self.estimates([], _cameras(entry.observations))
-            found.state.insert(values, entry.keys)
-            self._replace(entry.observations, linearize(entry.observations, values, self.slope), values)
-        if may_turn:
-            entry.other_headings = found.turns
-        return turns
 
     def solve_whole(self, rounds: int) -> None:
         """Solve everything nonlinearly, all observations' samples drawn anew in every round, and linearise it all there.
@@ -264,14 +204,14 @@ class IncrementalSystem:
         if not self.cameras:
             return
         for entry in self.objects:
-            self._prune(entry)
+            self.prune(entry)
         observations = [observation for entry in self.objects for observation in entry.observations]
         others = self.smoother.factors_without({observation.number for observation in observations})
         values = self.smoother.estimate()
         for _ in range(rounds):
             freeze(observations, values, self.slope)
             values = at_optimum("the map", others, observations, values)
-        self._replace(observations, linearize_frozen(observations, values), values)
+        self.replace(observations, linearize_frozen(observations, values), values)
         self.smoother.settle()
 
     def commit(
@@ -330,7 +270,7 @@ class IncrementalSystem:
                     objects.add_factors(handle, [copy(factor) for factor in observation.factors])
         return objects
 
-    def _settled(
+    def settled_at(
         self, entry: TrackedObject, state: ObjectState, placed: Sequence[Placed]
     ) -> tuple[
         list[gtsam.NonlinearFactor], list[Observation], list[gtsam.LinearContainerFactor], gtsam.Values
@@ -348,58 +288,21 @@ class IncrementalSystem:
         at = settled(problem, priors, observations, self.config)
         return priors, observations, linearize_frozen(observations, at), at
 
-    def _turn(self, entry: TrackedObject, keys: ObjectKeys, state: ObjectState) -> None:
-        """The object anew, under other keys; raises SolveError, and has then changed nothing."""
-        anew = replace(entry, keys=keys)
-        priors, observations, quadratics, at = self._settled(anew, state, entry.placed_views)
-        values = at.extract(gtsam.KeyVector([*keys]))
-        numbers = self.commit([*priors, *quadratics], values, remove=self._numbers(entry))
-        _entered(observations, quadratics, numbers[len(priors) :], at)
-        entry.keys, entry.numbers, entry.observations = keys, numbers[: len(priors)], observations
-
-    def _numbers(self, entry: TrackedObject) -> list[int]:
+    def numbers_of(self, entry: TrackedObject) -> list[int]:
         """Of all factors on the object."""
         numbers = [*entry.numbers, *(observation.number for observation in entry.observations)]
         return [number for number in numbers if self.smoother.holds(number)]
 
-    def _prune(self, entry: TrackedObject) -> None:
+    def prune(self, entry: TrackedObject) -> None:
         """Forget observations whose camera is past the lag: what they said is in the smoother for good."""
         entry.observations = [o for o in entry.observations if self.smoother.holds(o.number)]
 
-    def _carry_along(self, travelled: Sequence[tuple[Observation, gtsam.Values]]) -> None:
-        if not travelled:
-            return
-        moved = []
-        for observation, values in travelled:
-            pose, camera = observation.keys[0], observation.camera
-            assert observation.quadratic is not None
-            assert camera is not None
-            moved.append(carried_along(observation.quadratic, observation.point, values, pose, camera))
-        observations = [observation for observation, _ in travelled]
-        numbers = self.commit([factor for factor, _ in moved], remove=[o.number for o in observations])
-        for observation, number, (quadratic, point) in zip(observations, numbers, moved, strict=True):
-            observation.number, observation.quadratic, observation.point = number, quadratic, point
-
-    def _replace(
+    def replace(
         self,
         observations: Sequence[Observation],
         quadratics: Sequence[gtsam.LinearContainerFactor],
         values: gtsam.Values,
     ) -> None:
+        """Put new quadratics, made at `values`, in the place of those that the observations have; raises SolveError."""
         numbers = self.commit(quadratics, remove=[observation.number for observation in observations])
-        _entered(observations, quadratics, numbers, values)
-
-
-def _cameras(observations: Sequence[Observation]) -> list[int]:
-    return sorted({o.camera for o in observations if o.camera is not None})
-
-
-def _entered(
-    observations: Sequence[Observation],
-    quadratics: Sequence[gtsam.LinearContainerFactor],
-    numbers: Sequence[int],
-    at: gtsam.Values,
-) -> None:
-    for observation, quadratic, number in zip(observations, quadratics, numbers, strict=True):
-        observation.quadratic, observation.number = quadratic, number
-        observation.point = at.extract(gtsam.KeyVector(observation.keys))
+        entered(observations, quadratics, numbers, values)

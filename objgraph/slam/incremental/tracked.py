@@ -134,6 +134,23 @@ def linearize_frozen(
     return [linearized(observation.factors, values) for observation in observations]
 
 
+def cameras_of(observations: Sequence[Observation]) -> list[int]:
+    """Keys of the cameras that are variables."""
+    return sorted({o.camera for o in observations if o.camera is not None})
+
+
+def entered(
+    observations: Sequence[Observation],
+    quadratics: Sequence[gtsam.LinearContainerFactor],
+    numbers: Sequence[int],
+    at: gtsam.Values,
+) -> None:
+    """Note that the observations are in the smoother by these quadratics, made at `at`, under these numbers."""
+    for observation, quadratic, number in zip(observations, quadratics, numbers, strict=True):
+        observation.quadratic, observation.number = quadratic, number
+        observation.point = at.extract(gtsam.KeyVector(observation.keys))
+
+
 def _relative(factor: ObservationFactor, values: gtsam.Values) -> tuple[gtsam.Pose3, ObjectState]:
     """The object's pose in the camera's frame, and its state."""
     state = factor.state(values)

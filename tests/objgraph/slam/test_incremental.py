@@ -168,14 +168,14 @@ def test_what_has_moved_is_linearised_anew(run):
     system, entry = objects.system, objects.objects[0]
     strict, before = Tolerance(1e-12, 1e-12, 1e-12, 1e-12), [o.number for o in entry.observations]
     here = system.estimates([entry], [o.camera for o in entry.observations if o.camera is not None])
-    assert system.renew([entry], strict, limit=3) == 3
+    assert objects.upkeep.renew([entry], strict, limit=3) == 3
     renewed = [o for o, number in zip(entry.observations, before, strict=True) if o.number != number]
     assert len(renewed) == 3
     assert all(system.smoother.holds(o.number) for o in entry.observations)
     assert sum(system.smoother.holds(number) for number in before) == len(before) - 3
     for observation in renewed:
         assert observation.point.equals(here.extract(gtsam.KeyVector(observation.keys)), 1e-9)
-    assert system.renew([entry], Tolerance(10, 10, 10, 10)) == 0
+    assert objects.upkeep.renew([entry], Tolerance(10, 10, 10, 10)) == 0
 
 
 def test_what_has_only_travelled_is_told_from_what_has_moved(run):
@@ -279,7 +279,7 @@ def test_upkeep_that_fails_costs_no_frame(world, monkeypatch):
     def fail(*_):
         raise SolveError("the decoder is gone")
 
-    monkeypatch.setattr(objects.system, "renew", fail)
+    monkeypatch.setattr(objects.upkeep, "renew", fail)
     report = objects.update(world.frames[2], world.detections(world.frames[2]))
     assert any("decoder is gone" in reason for reason in report.reasons)
     assert list(objects.cameras) == [X(0), X(1), X(2)]

@@ -13,10 +13,13 @@ from factors.state import ObjectKeys, ObjectState
 from objgraph.errors import SolveError
 from objgraph.graph.builder import ObjectBuilder
 from objgraph.slam.incremental import system as module
+from objgraph.slam.incremental import upkeep
+from objgraph.slam.incremental.alone import Alone
 from objgraph.slam.incremental.config import IncrementalConfig, Tolerance
 from objgraph.slam.incremental.smoother import Smoother
 from objgraph.slam.incremental.system import IncrementalSystem
 from objgraph.slam.incremental.tracked import Observation, TrackedObject
+from objgraph.slam.incremental.upkeep import Upkeep
 from tests.toys import TOY_CODE, toy_prior
 
 FRAMES = 60
@@ -42,7 +45,9 @@ def system(request, monkeypatch) -> IncrementalSystem:
         raise SolveError("not now")
 
     monkeypatch.setattr(module, "linearize", quadratics)
-    monkeypatch.setattr(module, "next_estimate", fail)
+    monkeypatch.setattr(upkeep, "linearize", quadratics)
+    monkeypatch.setattr(Alone, "again_in_all_headings", fail)
+    monkeypatch.setattr(Alone, "again", fail)
     monkeypatch.setattr(TrackedObject, "departure", lambda *_: 0.0)
     monkeypatch.setattr(TrackedObject, "has_travelled", lambda *_: False)
     config, up = IncrementalConfig(lag=request.param), np.array([0.0, 0.0, 1.0])
@@ -82,8 +87,8 @@ def look(system: IncrementalSystem, k: int, seen: list[TrackedObject]) -> list[s
     due = [entry for entry in seen if entry.is_due]
     for entry in due:
         with suppress(SolveError):
-            system.resolve(entry, lambda: ObjectKeys.numbered(99))
-    system.renew(seen, Tolerance())
+            Upkeep(system).resolve(entry, lambda: ObjectKeys.numbered(99))
+    Upkeep(system).renew(seen, Tolerance())
     return [entry.name for entry in due]
 
 

@@ -8,8 +8,10 @@ import pytest
 from gtsam.symbol_shorthand import X
 
 from factors.state import ObjectState
+from objgraph.covariance.heading_modes import HeadingModes
+from objgraph.estimate.task import Estimate
 from objgraph.priors.shape_prior import ShapePrior
-from objgraph.slam.incremental import alone, front_end
+from objgraph.slam.incremental.alone import Alone, is_turned
 from objgraph.slam.incremental.object_graph import IncrementalObjectGraph
 from objgraph.slam.incremental.own_smoother import ObjectFrontEnd
 from tests.objgraph.slam.test_incremental import QUICK, UP, World, distance, two_chairs
@@ -28,15 +30,15 @@ def world() -> World:
 @pytest.fixture
 def prior(world, monkeypatch) -> ShapePrior:
     """Of the toy chair; objects enter turned by a quarter, at the optimum that is there."""
-    right = front_end.first_estimate
+    right = Alone.first
 
-    def wrong(name, prior, views, builder, config):
-        state = right(name, prior, views, builder, config).state
+    def wrong(alone: Alone):
+        state = right(alone).state
         quarter = gtsam.Pose3(gtsam.Rot3.Ry(np.pi / 2), np.zeros(3))
         turned = replace(state, T_world_object=state.T_world_object.compose(quarter))
-        return alone.next_estimate(name, prior, views, builder, config, turned, may_turn=False)
+        return alone.again(turned)
 
-    monkeypatch.setattr(front_end, "first_estimate", wrong)
+    monkeypatch.setattr(Alone, "first", wrong)
     return replace(toy_prior(), box=np.asarray(toy_mesh(world.states[0].code).extents))
 
 
@@ -51,7 +53,7 @@ def off(state: ObjectState, world: World) -> tuple[float, float]:
     return distance(true, state.T_world_object), float(np.degrees(np.linalg.norm(gtsam.Rot3.Logmap(between))))
 
 
-@pytest.mark.parametrize("lag", [None, 30.0])
+@pytest.mark.parametrize("lag", [None, 6.5])
 def test_an_object_that_entered_in_a_wrong_heading_turns_once_it_has_been_seen_enough(world, prior, lag):
     objects = mapper(prior, lag)
     degrees, keys, said = [], [], []
@@ -70,6 +72,9 @@ def test_an_object_that_entered_in_a_wrong_heading_turns_once_it_has_been_seen_e
     # nothing is left of what it was, and the map goes on
     assert not any(objects.system.smoother.has(key) for key in keys[0])
     assert np.linalg.eigvalsh(objects.joint_marginals(entry, [X(FRAMES - 1)])).min() > 0
+    for frame in world.frames[FRAMES:]:  # past a lag since then, if there is one
+        objects.update(frame, world.detections(frame)[:1])
+    assert off(objects.state(entry), world)[1] < 5
 
 
 def test_what_views_past_the_lag_said_is_not_taken_back(world, prior):
@@ -100,3 +105,20 @@ def test_an_object_turns_in_the_caller_s_smoother_too(world, prior):
     metres, degrees = off(ObjectState.from_values(estimate, entry.keys), world)
     assert metres < 0.05
     assert degrees < 5
+
+
+@pytest.mark.parametrize(("left", "turns"), [(0.45, False), (0.1, True)])
+def test_less_than_a_nat_does_not_turn_an_object(world, prior, monkeypatch, left, turns):
+    here = world.states[0]
+    quarter = gtsam.Pose3(gtsam.Rot3.Ry(np.pi / 2), np.zeros(3))
+    there = replace(here, T_world_object=here.T_world_object.compose(quarter))
+    modes = HeadingModes(np.array([1 - left, 0, 0, left]), (there, None, None, here))
+    estimates = {True: Estimate(there, None, 1, 1, 1, 1, modes), False: Estimate(here, None, 1, 1, 1, 1)}
+    monkeypatch.setattr(Alone, "_solved", lambda *arguments: estimates[arguments[-1] is not None])
+    objects = mapper(prior)
+    found = Alone("chair 0", replace(prior, guess=None), [], objects.system.builder, QUICK)
+    found = found.again_in_all_headings(here)
+    assert is_turned(found.state, here) == turns
+    assert found.turns is not None
+    assert found.turns.states[0] is found.state
+    assert found.turns.probability[0] == (1 - left if turns else left)
