@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from factors import checks
-from factors.state import POSE_DOF, ObjectState
+from factors.state import POSE_DOF, RIGID_DOF, ObjectState
 from objgraph.covariance.labelled import ObjectCovariance, of_one_object
 from objgraph.errors import CovarianceError
 
@@ -54,7 +54,12 @@ def fused(
     step = gain @ difference
     R_fused = R.compose(gtsam.Rot3.Expmap(step[:3]))
     pose = gtsam.Pose3(R_fused, centre + step[3:POSE_DOF])
-    fused_state = replace(state.retract(step), T_world_object=pose)
+    fused_state = replace(
+        state,
+        T_world_object=pose,
+        log_scale=state.log_scale + step[POSE_DOF:RIGID_DOF],
+        code=state.code + step[RIGID_DOF:],
+    )
     matrix = _carried(matrix, gtsam.Rot3.ExpmapDerivative(step[:3]), R_fused.matrix().T)
     return fused_state, ObjectCovariance.of(matrix, "fused", a.subject)
 

@@ -52,10 +52,10 @@ def object_row(entry: MappedObject, up_world: Float[np.ndarray, "3"]) -> dict[st
     row |= {"views": len(entry.views), "seconds": entry.seconds}
     if entry.size_m is not None:
         row["size"] = " x ".join(f"{edge:.2f}" for edge in entry.size_m)
-    if entry.T_world_object is not None and place is not None and place.covariance is not None:
-        sigma = summary.position_sigma(entry.T_world_object, place.covariance)
+    if place is not None and place.covariance is not None:
+        sigma = summary.position_sigma(place.T_world_object, place.covariance)
         row["centre_sigma"] = 100 * float(np.linalg.norm(sigma))
-        heading = summary.heading_sigma(entry.T_world_object, place.covariance, up_world)
+        heading = summary.heading_sigma(place.T_world_object, place.covariance, up_world)
         row["heading_sigma"] = float(np.degrees(heading))
     if entry.vertex_sigma is not None:
         row["surface_sigma"] = 100 * float(np.median(entry.vertex_sigma))

@@ -20,6 +20,7 @@ LEAST = 0.05
 class Place(NamedTuple):
     """Where an object is said to be, and how well that is known."""
 
+    T_world_object: Float[np.ndarray, "4 4"]
     centre: Float[np.ndarray, "3"]
     """Of its box where that has a covariance, its origin otherwise; world frame."""
     covariance: Float[np.ndarray, "9 9"] | None
@@ -30,11 +31,12 @@ class Place(NamedTuple):
 
 def place_of(entry: MappedObject) -> Place | None:
     """None of an object that has no place."""
-    if entry.T_world_object is None:
+    T_world_object = entry.T_world_object
+    if T_world_object is None:
         return None
     if entry.box_centre is not None and entry.box_covariance is not None:
-        return Place(entry.box_centre, entry.box_covariance, True)
-    return Place(entry.T_world_object[:3, 3], entry.covariance, False)
+        return Place(T_world_object, entry.box_centre, entry.box_covariance, True)
+    return Place(T_world_object, T_world_object[:3, 3], entry.covariance, False)
 
 
 class Ellipsoid(NamedTuple):
@@ -72,9 +74,9 @@ class Heading(NamedTuple):
 def centre_ellipsoid(entry: MappedObject) -> Ellipsoid | None:
     """Of the place that an object is said to be at; None where nothing says how well that is known."""
     place = place_of(entry)
-    if place is None or place.covariance is None or entry.T_world_object is None:
+    if place is None or place.covariance is None:
         return None
-    return Ellipsoid.of(place.centre, summary.position_covariance(entry.T_world_object, place.covariance))
+    return Ellipsoid.of(place.centre, summary.position_covariance(place.T_world_object, place.covariance))
 
 
 def box_of(entry: MappedObject) -> OrientedBox | None:

@@ -114,7 +114,7 @@ def _object_from_above(axis: Axes, entry: MappedObject, level: Float[np.ndarray,
     place = place_of(entry)
     assert place is not None  # it is mapped
     if place.covariance is not None:
-        known = summary.position_covariance(entry.state.T_world_object.matrix(), place.covariance)
+        known = summary.position_covariance(place.T_world_object, place.covariance)
         values, vectors = np.linalg.eigh(level.T @ known @ level)
         turn = np.linspace(0, 2 * np.pi, 60)
         radii = _MAGNIFIED * np.sqrt(chi2.ppf(LEVEL, 2) * values.clip(min=0.0))

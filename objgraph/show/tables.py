@@ -69,23 +69,23 @@ def _size(size_m: Float[np.ndarray, "3"] | None) -> str:
 
 def _position(entry: MappedObject) -> str:
     place = place_of(entry)
-    if place is None or entry.T_world_object is None:
+    if place is None:
         return NONE
     if place.covariance is None:
         return ", ".join(f"{p:.2f}" for p in place.centre)
-    sigmas = summary.position_sigma(entry.T_world_object, place.covariance)
+    sigmas = summary.position_sigma(place.T_world_object, place.covariance)
     words = ", ".join(f"{p:.2f}±{s:.3f}" for p, s in zip(place.centre, sigmas, strict=True))
     return RAW * (not place.is_calibrated) + words
 
 
 def _heading(entry: MappedObject, up_world: Float[np.ndarray, "3"]) -> str:
     place = place_of(entry)
-    if place is None or entry.T_world_object is None:
+    if place is None:
         return NONE
-    degrees = f"{np.degrees(summary.heading(entry.T_world_object, up_world)):.0f}"
+    degrees = f"{np.degrees(summary.heading(place.T_world_object, up_world)):.0f}"
     if place.covariance is None:
         return degrees
-    sigma = summary.heading_sigma(entry.T_world_object, place.covariance, up_world)
+    sigma = summary.heading_sigma(place.T_world_object, place.covariance, up_world)
     return f"{RAW * (not place.is_calibrated)}{degrees}±{np.degrees(sigma):.1f}"
 
 
