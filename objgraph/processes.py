@@ -60,6 +60,13 @@ def begin_worker(threads: int = 1) -> None:
     threading.Thread(target=_end_with_parent, daemon=True).start()
 
 
+def threads_each(jobs: int) -> int:
+    """Torch's threads in each of so many processes that share them; `OMP_NUM_THREADS` bounds them."""
+    import torch
+
+    return max(1, torch.get_num_threads() // jobs)
+
+
 def _end_with_parent() -> None:
     if (parent := parent_process()) is not None:
         parent.join()

@@ -12,7 +12,6 @@ degrees). Finished objects are not run again.
 """
 
 import json
-import os
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import asdict, dataclass
@@ -48,7 +47,7 @@ from objgraph.observation.sampling import ObjectView, SamplingConfig, observe
 from objgraph.priors.mesh import extract_mesh
 from objgraph.priors.registry import load_prior
 from objgraph.priors.shape_prior import ShapePrior
-from objgraph.processes import begin_worker
+from objgraph.processes import begin_worker, threads_each
 from objgraph.show.next_view import sphere_picture
 from objgraph.synthetic.camera import intrinsics
 
@@ -68,7 +67,7 @@ class Arguments:
     objects: int = 4
     """Half of them chairs, half tables; one is a chair."""
     jobs: int = 1
-    """Objects at the same time, which share the processor's cores."""
+    """Objects at the same time, which share torch's threads."""
     seed: int = 0
     """Of objects, rooms and noise."""
     candidates: int = 100
@@ -322,7 +321,7 @@ def main(arguments: Arguments) -> None:
     ][: arguments.objects]
     done = {r["object"] for r in kept["rows"]}
     missing = [case for case in cases if case.id not in done]
-    threads = max(1, (os.cpu_count() or 1) // arguments.jobs)
+    threads = threads_each(arguments.jobs)
     with ProcessPoolExecutor(arguments.jobs, get_context("spawn"), begin_worker, (threads,)) as pool:
         pictures = {cases[0].id: arguments.out / "information.png"}
         running = {pool.submit(run, case, arguments, pictures.get(case.id)): case for case in missing}

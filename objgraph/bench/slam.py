@@ -10,7 +10,6 @@ or those that its depth images have among themselves, and only the odometry that
 """
 
 import json
-import os
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass, replace
@@ -35,7 +34,7 @@ from objgraph.graph.object_graph import ObjectGraph
 from objgraph.maps.pipeline import scene_floor
 from objgraph.observation.frames import Frame, FrameSource, Scan
 from objgraph.observation.sampling import SamplingConfig, observe, rigid_pose
-from objgraph.processes import begin_worker
+from objgraph.processes import begin_worker, threads_each
 from objgraph.slam.odometry import OdometryNoise, dead_reckoning, drifting_motions
 
 FEW = SamplingConfig(
@@ -50,7 +49,7 @@ class Arguments:
     seeds: int = 1
     """Draws of the odometry's noise; those that `out` has already are not run again."""
     jobs: int = 1
-    """Draws at the same time, which share the processor's cores."""
+    """Draws at the same time, which share torch's threads."""
     frames: int = 40
     """Of all laps."""
     laps: float = 2.0
@@ -206,7 +205,7 @@ def main(arguments: Arguments) -> None:
         print(means(rows))
         return
     true, facts = reference(arguments, scan)
-    threads = max(1, (os.cpu_count() or 1) // arguments.jobs)
+    threads = threads_each(arguments.jobs)
     with ProcessPoolExecutor(arguments.jobs, get_context("spawn"), begin_worker, (threads,)) as pool:
         running = {pool.submit(run, arguments, seed, true): seed for seed in missing}
         for done in as_completed(running):

@@ -5,9 +5,10 @@ import time
 from multiprocessing import active_children
 
 import pytest
+import torch
 
 from objgraph.errors import PriorError
-from objgraph.processes import process_pool
+from objgraph.processes import process_pool, threads_each
 
 
 def _work(what: str) -> str:
@@ -38,3 +39,9 @@ def test_a_mistake_does_not_wait_for_what_is_in_progress():
     with pytest.raises(ValueError, match="mistake"):
         fail()
     assert not active_children()
+
+
+@pytest.mark.parametrize(("threads", "jobs", "each"), [(8, 1, 8), (8, 3, 2), (1, 1, 1), (1, 4, 1)])
+def test_processes_share_the_threads_that_torch_was_given(monkeypatch, threads, jobs, each):
+    monkeypatch.setattr(torch, "get_num_threads", lambda: threads)
+    assert threads_each(jobs) == each
