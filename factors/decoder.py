@@ -4,6 +4,7 @@ Park et al., "DeepSDF", CVPR 2019 (paper eq:deepsdf). With ReLU, which the shipp
 factors use jump between pieces; smooth activations are there for those who want them continuous.
 """
 
+import math
 from dataclasses import dataclass
 from typing import Literal
 
@@ -71,7 +72,8 @@ class Decoder(LinearInjection):
         )
         self.output = nn.Linear(config.width, 1)
         self.frequencies: Tensor
-        self.register_buffer("frequencies", torch.pi * 2.0 ** torch.arange(config.octaves), persistent=False)
+        frequencies = [math.pi * 2.0**octave for octave in range(config.octaves)]
+        self.register_buffer("frequencies", torch.tensor(frequencies), persistent=False)
 
     @property
     def code_length(self) -> int:

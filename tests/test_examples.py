@@ -119,21 +119,25 @@ EXAMPLES: dict[str, tuple[list[str], Callable[[Path], None]]] = {
 }
 
 
-def run_example(name: str, out: Path) -> str:
-    """What it printed."""
+def run_example(name: str, out: Path) -> None:
     run = subprocess.run(
         [sys.executable, str(REPOSITORY / "examples" / f"{name}.py"), "--out", str(out), *EXAMPLES[name][0]],
         cwd=out.parent, capture_output=True, text=True, timeout=600,
         env={**os.environ, "PYTHONPATH": str(REPOSITORY)}, check=False,
     )  # fmt: skip
     assert run.returncode == 0, run.stderr[-2000:]
-    return run.stdout
+
+
+@pytest.fixture(scope="module")
+def workplace(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Where all of them are run: the sample is generated once."""
+    return tmp_path_factory.mktemp("workplace")
 
 
 @pytest.mark.parametrize("name", EXAMPLES)
-def test_example(name: str, tmp_path: Path):
-    run_example(name, tmp_path / "out")
-    EXAMPLES[name][1](tmp_path / "out")
+def test_example(name: str, workplace: Path):
+    run_example(name, workplace / name)
+    EXAMPLES[name][1](workplace / name)
 
 
 @pytest.mark.parametrize("name", EXAMPLES)

@@ -36,25 +36,29 @@ def room(folder: Path) -> list[Frame]:
     return [scan.frames[k] for k in range(10)]
 
 
+@pytest.fixture(scope="module")
+def exact(room: list[Frame]) -> Sensor:
+    return measure_sensor(ListedFrames(room), FEW)
+
+
 def moved(frame: Frame, rng: np.random.Generator) -> Frame:
     off = gtsam.Pose3.Expmap(rng.normal(size=6) * np.repeat([ROTATION, TRANSLATION], 3))
     return replace(frame, T_world_camera=frame.T_world_camera @ off.matrix())
 
 
-def test_errors_of_poses_are_measured(room: list[Frame]):
+def test_errors_of_poses_are_measured(room: list[Frame], exact: Sensor):
     rng = np.random.default_rng(0)
-    exact = measure_sensor(ListedFrames(room), FEW)
     wrong = measure_sensor(ListedFrames([moved(frame, rng) for frame in room]), FEW)
     assert wrong.pose_sigma == pytest.approx((ROTATION, TRANSLATION), rel=0.4)
     assert exact.pose_sigma[0] < 0.3 * ROTATION
     assert exact.pose_sigma[1] < 0.3 * TRANSLATION
 
 
-def test_what_a_patch_is_off_is_measured(room: list[Frame]):
+def test_what_a_patch_is_off_is_measured(room: list[Frame], exact: Sensor):
     """Waves of 80 cm on all that is seen, other ones in each frame."""
     rng = np.random.default_rng(1)
     depths = np.array([1.5, 2.5])
-    before = measure_sensor(ListedFrames(room), FEW).noise(depths)
+    before = exact.noise(depths)
     waved = []
     for frame in room:
         v, u = np.indices(frame.depth.shape)
