@@ -64,14 +64,14 @@ def main(arguments: Arguments) -> None:
             own.append(
                 factors.SurfaceFactor(
                     keys, prior.decoder, camera, view.points_camera, view.points_sigma,
-                    prior_sigma=sigma, weighting=factors.Weighting("information", view.points_share),
+                    prior_sigma=sigma, share=view.points_share,
                     tail=0.05,  # metres: what the mask holds of something else is let go
                 )
             )  # fmt: skip
             own.append(
                 factors.DepthFactor(
                     keys, prior.decoder, camera, view.rays,
-                    prior_sigma=sigma, weighting=factors.Weighting("information", view.rays_share),
+                    prior_sigma=sigma, share=view.rays_share,
                 )
             )  # fmt: skip
         # A code's shape is as large as the box that all shapes of the prior fill: the scales are then its size.

@@ -21,7 +21,6 @@ if TYPE_CHECKING:
     from factors.sdf_decoder import SdfDecoder
     from factors.state import ObjectKeys, ObjectState
     from factors.surface import SurfaceFactor
-    from factors.weighting import Weighting
 
 __all__ = [
     "Annealing",
@@ -45,7 +44,6 @@ __all__ = [
     "Sampled",
     "SdfDecoder",
     "SurfaceFactor",
-    "Weighting",
     "code_prior",
     "energy_score",
     "floor_share",
@@ -76,7 +74,6 @@ _HOMES = {
     "factors.sdf_decoder": "SdfDecoder",
     "factors.state": "ObjectKeys ObjectState",
     "factors.surface": "SurfaceFactor",
-    "factors.weighting": "Weighting",
 }
 _HOME_OF = {name: home for home, names in _HOMES.items() for name in names.split()}
 

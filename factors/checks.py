@@ -35,6 +35,13 @@ class Range(NamedTuple):
 ANY = Range(-math.inf)
 NOT_NEGATIVE = Range()
 POSITIVE = Range(0.0, open=True)
+SHARES = Range(0.0, 1.0)
+LENGTHS = Range(0.0, 1e6)
+"""Metres or canonical units that mean something."""
+DEVIATIONS = Range(1e-9, 1e6)
+"""Standard deviations, metres, that have an inverse."""
+PLACES = Range(-1e6, 1e6)
+"""Coordinates, metres."""
 
 
 def instance(what: str, value: Any, kind: type[Kind], error: Error = FactorError) -> Kind:
@@ -117,6 +124,14 @@ def reals(
     found = array(what, value, shape, error).astype(float)
     if found.size and not (allowed.holds(found.min()) and allowed.holds(found.max())):
         raise error(f"every entry of {what} must be {allowed}")
+    return found
+
+
+def shares(what: str, value: Any, count: int, error: Error = FactorError) -> np.ndarray:
+    """One number in [0, 1] for all of `count`, or one for each."""
+    found = reals(what, value, None, SHARES, error)
+    if found.shape not in ((), (count,)):
+        raise error(f"{what} has shape {found.shape} where one number or {count} are due")
     return found
 
 

@@ -11,6 +11,7 @@ from torch import Tensor
 
 from factors import checks
 from factors.base import Annealing, ObservationFactor, place_of
+from factors.checks import LENGTHS
 from factors.errors import FactorError
 from factors.full_distribution import FullDistribution
 from factors.rays import (
@@ -25,10 +26,10 @@ from factors.rays import (
 )
 from factors.reduce import Rows
 from factors.rendering import CLEAR, RaySamples, RayTargets, RenderedRows, Renderer
+from factors.score import unit_information_weight
 from factors.sdf import MetricSdf, SdfQuery, query_points
 from factors.sdf_decoder import SdfDecoder, SdfJet
 from factors.state import ObjectKeys, ObjectState
-from factors.weighting import LENGTHS, Weighting, weighting_of
 
 _NEGLIGIBLE = 1e-7
 """A cell whose derivative is smaller than this share of the largest is not differentiated."""
@@ -96,20 +97,21 @@ class DepthFactor(ObservationFactor):
         *,
         renderer: Renderer | None = None,
         prior_sigma: float = 0.0,
-        weighting: Weighting | None = None,
+        share: float | Float[np.ndarray, "r"] = 1.0,
         sampling: RaySampling | None = None,
         half_box: float | Float[np.ndarray, "3"] = BOX_HALF_SIZE,
         body_T_camera: gtsam.Pose3 | None = None,
     ) -> None:
-        """`prior_sigma` is the decoder's standard deviation in canonical units; `half_box` are half the edges of the
-        canonical box that holds the shapes: rays are cut within it."""
+        """`prior_sigma` is the decoder's standard deviation in canonical units; `share` is how much of an
+        independent measurement each ray is, in [0, 1]; `half_box` are half the edges of the canonical box that holds the
+        shapes: rays are cut within it."""
         super().__init__(keys, decoder, camera, body_T_camera)
         self._rays = checks.instance("rays", rays, Rays)
         self._renderer = FullDistribution() if renderer is None else renderer
         if not hasattr(self._renderer, "render"):
             raise FactorError(f"a {type(renderer).__name__} is no renderer: FullDistribution() is one")
         self._prior_sigma = checks.number("prior_sigma", prior_sigma, LENGTHS)
-        self._weighting = self._weighting_of(weighting)
+        self._share = checks.shares("the rays' share", share, len(self._rays.depth))
         self._sampling = (
             RaySampling() if sampling is None else checks.instance("sampling", sampling, RaySampling)
         )
@@ -119,10 +121,6 @@ class DepthFactor(ObservationFactor):
         self._frozen: _Frozen | None = None
         self._rendered: _Rendered | None = None
         self._frozen_at: bytes | None = None
-
-    def _weighting_of(self, weighting: Weighting | None) -> Weighting:
-        """Checked to be of the rays."""
-        return weighting_of(weighting, len(self._rays.depth))
 
     @property
     def is_frozen(self) -> bool:
@@ -210,7 +208,8 @@ class DepthFactor(ObservationFactor):
         )
 
     def _weight(self, rays: np.ndarray, spread: Tensor) -> Tensor:
-        return self._weighting.take(rays).per_row(spread, len(self._rays.depth))
+        share = self._share if self._share.ndim == 0 else self._share[rays]
+        return torch.as_tensor(share) * unit_information_weight(spread)
 
     def _missed(
         self, rays: np.ndarray, state: ObjectState, camera: gtsam.Pose3, annealing: Annealing

@@ -10,13 +10,13 @@ from torch import Tensor
 
 from factors import checks
 from factors.base import Annealing, ObservationFactor
+from factors.checks import DEVIATIONS
 from factors.errors import FactorError
 from factors.reduce import Rows
 from factors.score import cauchy_root, cauchy_score
 from factors.sdf import SdfQuery, query_points
 from factors.sdf_decoder import SdfDecoder, SdfJet
 from factors.state import RIGID_DOF, ObjectKeys, ObjectState
-from factors.weighting import DEVIATIONS
 
 SIDES = 6
 _ACROSS = 24

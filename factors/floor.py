@@ -8,6 +8,7 @@ from torch import Tensor
 
 from factors import checks
 from factors.base import Annealing
+from factors.checks import DEVIATIONS, LENGTHS, PLACES
 from factors.depth import DepthFactor, RaySampling
 from factors.errors import NotFiniteError
 from factors.keys import readable_key
@@ -18,7 +19,6 @@ from factors.score import cauchy_root, cauchy_score
 from factors.sdf import SdfQuery, sdf_jacobian
 from factors.sdf_decoder import SdfDecoder, SdfJet
 from factors.state import CAMERA_DOF, POSE_DOF, ObjectKeys, ObjectState
-from factors.weighting import DEVIATIONS, LENGTHS, PLACES, Weighting, weighting_of
 
 _BELOW = 3.0
 """Depth of the imagined camera under the floor, metres."""
@@ -65,7 +65,7 @@ class FloorFactor(DepthFactor):
         stands: float | None = None,
         renderer: Renderer | None = None,
         prior_sigma: float = 0.0,
-        weighting: Weighting | None = None,
+        share: float | None = None,
         half_box: float | Float[np.ndarray, "3"] = BOX_HALF_SIZE,
     ) -> None:
         """`floor` is its height along `up_world` and `sigma` how well that is known, both in metres; `spacing` is that of
@@ -73,7 +73,7 @@ class FloorFactor(DepthFactor):
 
         `stands`: canonical distance from the object's origin down to its feet; None where it need not stand.
 
-        Each ray is the part of a measurement that `floor_share` says, unless a `weighting` is given.
+        `share` is how much of an independent measurement each ray is, by default `floor_share(spacing)`.
 
         Raises:
             FactorError: `up_world` has no direction, or the floor no height.
@@ -86,15 +86,9 @@ class FloorFactor(DepthFactor):
         super().__init__(
             keys, decoder, gtsam.Pose3(), _rays_from_below(1.0, sigma, spacing),
             renderer=renderer, prior_sigma=prior_sigma, sampling=_LITTLE,
-            weighting=Weighting("information", floor_share(spacing)) if weighting is None else weighting,
+            share=floor_share(spacing) if share is None else checks.number("a floor's share", share, checks.SHARES),
             half_box=half_box,
         )  # fmt: skip
-
-    def _weighting_of(self, weighting: Weighting | None) -> Weighting:
-        """One for all rays: they are other ones at every refresh."""
-        found = weighting_of(weighting, len(self._rays.depth))
-        checks.number("the amount of a floor's weighting", found.amount)
-        return found
 
     def T_world_camera(self, values: gtsam.Values) -> gtsam.Pose3:
         """Under the object, looking up, its x axis along the object's."""

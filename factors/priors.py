@@ -5,8 +5,8 @@ import numpy as np
 from jaxtyping import Float
 
 from factors import checks
+from factors.checks import DEVIATIONS
 from factors.state import LOG_SCALES, ObjectKeys
-from factors.weighting import DEVIATIONS
 
 
 def code_prior(

@@ -9,9 +9,9 @@ from jaxtyping import Bool, Float
 from torch import Tensor
 
 from factors import checks
+from factors.checks import DEVIATIONS, PLACES
 from factors.errors import FactorError
 from factors.state import ObjectState
-from factors.weighting import DEVIATIONS, PLACES
 
 BOX_HALF_SIZE = 0.55
 """Half the edge of the canonical cube that holds every shape (diagonal 1, so no half extent exceeds 0.5)."""

@@ -10,13 +10,19 @@ from torch import Tensor
 
 from factors import checks
 from factors.base import Annealing, ObservationFactor, place_of
+from factors.checks import DEVIATIONS, LENGTHS, PLACES
 from factors.errors import FactorError
 from factors.reduce import Rows
-from factors.score import bounded_score, bounded_slope, energy_score, majorizing_weight
+from factors.score import (
+    bounded_score,
+    bounded_slope,
+    energy_score,
+    majorizing_weight,
+    unit_information_weight,
+)
 from factors.sdf import MetricSdf, SdfQuery, propagated_variance, query_points, sdf_jacobian
 from factors.sdf_decoder import SdfDecoder, SdfJet
 from factors.state import RIGID_DOF, ObjectKeys
-from factors.weighting import DEVIATIONS, LENGTHS, PLACES, Weighting, weighting_of
 
 
 class _Frozen(NamedTuple):
@@ -46,13 +52,13 @@ class SurfaceFactor(ObservationFactor):
         sigma: Float[np.ndarray, "n"],
         *,
         prior_sigma: float = 0.0,
-        weighting: Weighting | None = None,
+        share: float | Float[np.ndarray, "n"] = 1.0,
         state_covariance: Float[np.ndarray, "d d"] | Float[np.ndarray, "d"] | None = None,
         tail: float | None = None,
         body_T_camera: gtsam.Pose3 | None = None,
     ) -> None:
-        """`sigma` is the sensor's standard deviation in metres; `prior_sigma` the decoder's, canonical; `tail` in metres, once
-        rays are sharp."""
+        """`sigma` is the sensor's standard deviation in metres; `prior_sigma` the decoder's, canonical; `share` how
+        much of an independent measurement each point is, in [0, 1]; `tail` in metres, once rays are sharp."""
         super().__init__(keys, decoder, camera, body_T_camera)
         self._points_camera = checks.reals("surface points", points_camera, (None, 3), PLACES)
         if len(self._points_camera) == 0:
@@ -62,7 +68,7 @@ class SurfaceFactor(ObservationFactor):
         )
         self._sensor_sigma = torch.as_tensor(sigma)
         self._prior_sigma = checks.number("prior_sigma", prior_sigma, LENGTHS)
-        self._weighting = weighting_of(weighting, len(self._points_camera))
+        self._share = checks.shares("the points' share", share, len(self._points_camera))
         self._state_covariance = self._checked(state_covariance)
         self._tail = None if tail is None else checks.number("the tail, or None,", tail, DEVIATIONS)
         self._frozen: _Frozen | None = None
@@ -89,7 +95,7 @@ class SurfaceFactor(ObservationFactor):
     @property
     def measurements(self) -> float:
         """How many independent measurements its points are, all together."""
-        return float(np.broadcast_to(self._weighting.amount, len(self._points_camera)).sum())
+        return float(np.broadcast_to(self._share, len(self._points_camera)).sum())
 
     def refresh(self, values: gtsam.Values, annealing: Annealing = Annealing()) -> None:  # noqa: B008
         state, camera = self.state(values), self.T_world_camera(values)
@@ -105,7 +111,9 @@ class SurfaceFactor(ObservationFactor):
             variance = variance + propagated_variance(jacobian, self._state_covariance).clamp_min(0)
         sigma = variance.sqrt()
         tail = None if self._tail is None else self._tail * (Annealing.slope / annealing.slope) ** 0.5
-        self._frozen = _Frozen(metric, sigma, self._weighting.per_row(sigma), tail)
+        self._frozen = _Frozen(
+            metric, sigma, torch.as_tensor(self._share) * unit_information_weight(sigma), tail
+        )
         self._frozen_at = place if jet.value.isfinite().all() else None
 
     def points_camera(self) -> np.ndarray:

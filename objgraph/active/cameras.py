@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from factors import checks
-from factors.weighting import PLACES
+from factors.checks import PLACES
 from objgraph.errors import ActiveVisionError
 from objgraph.geometry.frames import level_axes, look_at
 

@@ -20,14 +20,13 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from factors import checks
+from factors.checks import PLACES
 from factors.state import RIGID_DOF
-from factors.weighting import PLACES
 from objgraph.active.headings import OtherHeading, risk
 from objgraph.active.surface_sample import SurfaceSample
 from objgraph.active.target import Target
 from objgraph.errors import ActiveVisionError, ConfigError
 from objgraph.estimate.heading_modes import HeadingModesConfig
-from objgraph.graph.builder import GraphConfig
 from objgraph.observation.frames import Intrinsics
 from objgraph.observation.sampling import SamplingConfig, SensorNoise, independent_shares
 
@@ -56,8 +55,6 @@ class NextViewConfig:
     far: float = 5.0
     correlation_length: float = SamplingConfig.correlation_length
     """As `SamplingConfig.correlation_length`."""
-    effective_count: float = GraphConfig.effective_count
-    """As `GraphConfig.effective_count`."""
     temperature: float = HeadingModesConfig.temperature
     """As `HeadingModesConfig.temperature`: so much cost between two headings is believed as one nat."""
     min_share: float = 0.1
@@ -224,10 +221,7 @@ def _shares(
 ) -> tuple[Float[np.ndarray, "s"], Float[np.ndarray, "s"]]:
     """What each point that is seen counts for, and its depth."""
     p_camera = _in_camera(surface.points[seen], T_world_camera)
-    share = np.minimum(
-        1.0, config.effective_count * independent_shares(p_camera, config.correlation_length, most=0.25)
-    )
-    return share, p_camera[:, 2]
+    return independent_shares(p_camera, config.correlation_length, most=0.25), p_camera[:, 2]
 
 
 def visible(

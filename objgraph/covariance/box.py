@@ -8,9 +8,9 @@ import torch
 from jaxtyping import Float
 
 from factors import checks
+from factors.checks import PLACES
 from factors.sdf_decoder import SdfDecoder
 from factors.state import RIGID_DOF, ObjectState
-from factors.weighting import PLACES
 from objgraph.covariance.heading_modes import HeadingModes
 from objgraph.covariance.labelled import LabelledCovariance, ObjectCovariance, of_one_object
 from objgraph.errors import CovarianceError, SolveError

@@ -8,11 +8,11 @@ import torch
 from jaxtyping import Float
 
 from factors import checks
+from factors.checks import LENGTHS, PLACES
 from factors.occupancy import PROBIT_SCALE, probit_occupancy
 from factors.rays import box_interval, coarse_depths
 from factors.sdf_decoder import SdfDecoder
 from factors.state import ObjectState
-from factors.weighting import LENGTHS, PLACES
 from objgraph.covariance.labelled import ObjectCovariance, of_one_object
 from objgraph.covariance.surface import metric_sdf
 from objgraph.errors import CovarianceError

@@ -7,8 +7,8 @@ from jaxtyping import Bool, Float
 from scipy.spatial import cKDTree
 
 from factors import checks
+from factors.checks import PLACES
 from factors.state import ObjectState
-from factors.weighting import PLACES
 from objgraph.errors import CovarianceError
 
 SEEN_M = 0.06

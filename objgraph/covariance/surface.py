@@ -7,10 +7,10 @@ from jaxtyping import Float
 from torch import Tensor
 
 from factors import checks
+from factors.checks import PLACES
 from factors.sdf import metres_per_unit, propagated_variance, query_points, sdf_jacobian
 from factors.sdf_decoder import SdfDecoder
 from factors.state import ObjectState
-from factors.weighting import PLACES
 from objgraph.covariance.labelled import ObjectCovariance, of_one_object
 from objgraph.errors import CovarianceError, SolveError
 

@@ -11,10 +11,11 @@ from jaxtyping import Float
 
 from factors import checks
 from factors.base import ObservationFactor
+from factors.checks import DEVIATIONS, PLACES
 from factors.depth import DepthFactor, RaySampling
 from factors.errors import FactorError
 from factors.filled_box import FilledBoxFactor
-from factors.floor import SPACING, SPACINGS, FloorFactor, floor_share
+from factors.floor import SPACING, SPACINGS, FloorFactor
 from factors.full_distribution import FullDistribution
 from factors.gaussian_depth import Deterministic, Probabilistic, Sampled
 from factors.keys import readable_key
@@ -22,7 +23,6 @@ from factors.priors import placed_prior, scale_prior, sized_prior, upright_prior
 from factors.rendering import Renderer
 from factors.state import ObjectKeys, ObjectState
 from factors.surface import SurfaceFactor
-from factors.weighting import DEVIATIONS, PLACES, Weighting
 from objgraph.errors import ConfigError, ObservationError
 from objgraph.graph.single_object import ALONE, SingleObject
 from objgraph.observation.sampling import ObjectView
@@ -44,8 +44,6 @@ class GraphConfig:
     """The 2D factor's renderer: the full termination distribution, or a Gaussian depth, the paper's, NodeSLAM's or
     DSP-SLAM's."""
     sampling: RaySampling = field(default_factory=RaySampling)
-    effective_count: float = 1.0
-    """Independent measurements that a cube (`correlation_length`) of seen surface counts for, in each of the two factors of a view."""
     surface_tail: float | None = 0.05
     """Metres off the surface from which on a point counts as something else's that the mask holds; None where masks hold nothing
     else."""
@@ -175,13 +173,13 @@ class ObjectBuilder:
         """
         surface = SurfaceFactor(
             keys, prior.decoder, camera, view.points_camera, view.points_sigma,
-            prior_sigma=prior.residual_sigma, weighting=self._weighting(view.points_share),
+            prior_sigma=prior.residual_sigma, share=view.points_share,
             tail=self.config.surface_tail, body_T_camera=body_T_camera,
         )  # fmt: skip
         depth = DepthFactor(
             keys, prior.decoder, camera, view.rays,
             renderer=RENDERERS[self.config.renderer], prior_sigma=prior.residual_sigma,
-            sampling=self.config.sampling, weighting=self._weighting(view.rays_share),
+            sampling=self.config.sampling, share=view.rays_share,
             half_box=prior.half_box(self.config.tight_box), body_T_camera=body_T_camera,
         )  # fmt: skip
         return [surface, depth]
@@ -202,7 +200,6 @@ class ObjectBuilder:
                 keys, prior.decoder, self.up_world, self.floor,
                 sigma=config.floor_sigma, spacing=config.floor_spacing, stands=prior.feet,
                 renderer=RENDERERS[config.renderer], prior_sigma=prior.residual_sigma,
-                weighting=self._weighting(floor_share(config.floor_spacing)),
                 half_box=prior.half_box(config.tight_box),
             )
         ]  # fmt: skip
@@ -243,6 +240,3 @@ class ObjectBuilder:
         assert self.config.pose_sigma is not None
         rotation, translation = self.config.pose_sigma
         return gtsam.noiseModel.Diagonal.Sigmas(np.repeat([rotation, translation], 3))
-
-    def _weighting(self, share: float | Float[np.ndarray, "n"]) -> Weighting:
-        return Weighting("information", np.minimum(1.0, self.config.effective_count * np.asarray(share)))

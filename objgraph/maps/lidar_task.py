@@ -6,9 +6,9 @@ import gtsam
 import numpy as np
 
 from factors import checks
+from factors.checks import DEVIATIONS
 from factors.depth import RaySampling
 from factors.state import ObjectState
-from factors.weighting import DEVIATIONS
 from objgraph.errors import ConfigError
 from objgraph.estimate.task import EstimationTask
 from objgraph.graph.builder import DetectedBox, GraphConfig

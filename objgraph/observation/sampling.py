@@ -8,8 +8,8 @@ import numpy as np
 from jaxtyping import Float
 
 from factors import checks
+from factors.checks import DEVIATIONS, PLACES
 from factors.rays import Rays
-from factors.weighting import DEVIATIONS, PLACES
 from objgraph.errors import ConfigError, ObservationError
 from objgraph.geometry.frames import transformed
 from objgraph.geometry.voxels import voxel_keys

@@ -8,7 +8,7 @@ import gtsam
 import numpy as np
 
 from factors import checks
-from factors.weighting import DEVIATIONS
+from factors.checks import DEVIATIONS
 from objgraph.errors import ConfigError
 
 

@@ -15,7 +15,6 @@ from factors.errors import FactorError
 from factors.full_distribution import FullDistribution
 from factors.priors import code_prior, placed_prior, scale_prior, upright_prior
 from factors.state import ObjectKeys, ObjectState
-from factors.weighting import Weighting
 
 KEYS = ObjectKeys.numbered(0)
 
@@ -107,8 +106,9 @@ def test_arrays_of_any_layout_and_tensors_are_taken():
         (lambda: upright_prior(KEYS, np.zeros(3), 0.1), "up_world must have a direction"),
         (lambda: placed_prior(KEYS, other("here"), 0.1, 0.1, 0.1), "T_world_object must be of type Pose3"),
         (lambda: CodeMixture(*other(([0.5, 0.5], [0.0, 1.0], [1.0, 1.0]))), "a mixture's mean has shape"),
-        (lambda: Weighting("information", other("all")), "a weighting's amount"),
-        (lambda: Weighting(other("shares")), "Weighting.kind must be one of"),
+        (lambda: checks.shares("a share", other("all"), 3), "a share is an array of"),
+        (lambda: checks.shares("a share", 1.5, 3), "every entry of a share must be at least 0 and at most 1"),
+        (lambda: checks.shares("a share", [0.5, 0.5], 3), "one number or 3 are due"),
         (lambda: RaySampling(cells=2**31), "RaySampling.cells must be at least 2 and at most 500"),
         (lambda: FullDistribution(other("none")), "FullDistribution.correlation must be one of"),
         (lambda: ObjectKeys(1, 1, 2), "three different ones"),

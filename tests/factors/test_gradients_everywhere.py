@@ -23,7 +23,6 @@ from factors.linearized import linearized
 from factors.priors import code_prior, placed_prior, scale_prior, sized_prior, upright_prior
 from factors.state import ObjectKeys, ObjectState
 from factors.surface import SurfaceFactor
-from factors.weighting import Weighting
 from tests.factors.conftest import CODE_LENGTH, make_decoder, random_camera, random_state
 from tests.factors.test_observation_factors import BODY_T_CAMERA, CAMERAS, make_rays
 
@@ -37,7 +36,6 @@ SURFACES = {
     "surface": {},
     "surface of an uncertain state": {"state_covariance": np.full(9 + CODE_LENGTH, 1e-4)},
     "surface with a tail": {"tail": 0.05},
-    "surface, mean": {"weighting": Weighting("mean", 10.0)},
 }
 RENDERERS = {
     "comonotone": FullDistribution(),
@@ -137,7 +135,7 @@ def seen_problem(kind: str, camera: str, rng: np.random.Generator) -> tuple[Any,
     else:
         factor = DepthFactor(
             KEYS, DECODER, at, make_rays(rng, 20), renderer=RENDERERS[kind], prior_sigma=0.02,
-            weighting=Weighting("information", 0.3), sampling=RaySampling(coarse=8, cells=6),
+            share=0.3, sampling=RaySampling(coarse=8, cells=6),
             body_T_camera=body_T_camera,
         )  # fmt: skip
     factor.refresh(values, Annealing(slope=float(rng.choice([60.0, 120.0, 400.0]))))

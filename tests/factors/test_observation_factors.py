@@ -17,7 +17,6 @@ from factors.gaussian_depth import Probabilistic
 from factors.rays import Rays
 from factors.state import ObjectKeys
 from factors.surface import SurfaceFactor
-from factors.weighting import Weighting
 from tests.factors.conftest import CODE_LENGTH, make_decoder, random_camera, random_state
 
 KEYS = ObjectKeys.numbered(0)
@@ -45,7 +44,7 @@ def make_factor(kind: str, camera, rng: np.random.Generator, decoder=None):
     }
     return DepthFactor(
         KEYS, decoder, camera, make_rays(rng), renderer=renderers[kind], prior_sigma=0.02,
-        weighting=Weighting("information", 0.3), sampling=RaySampling(coarse=8, cells=6),
+        share=0.3, sampling=RaySampling(coarse=8, cells=6),
     )  # fmt: skip
 
 

@@ -1,6 +1,5 @@
 import math
 
-import numpy as np
 import pytest
 import torch
 from hypothesis import given
@@ -8,7 +7,6 @@ from hypothesis import strategies as st
 from scipy.integrate import quad
 from scipy.stats import norm
 
-from factors.errors import FactorError
 from factors.score import (
     bounded_score,
     bounded_slope,
@@ -19,7 +17,6 @@ from factors.score import (
     majorizing_weight,
     unit_information_weight,
 )
-from factors.weighting import Weighting
 
 mus = st.floats(-3, 3)
 sigmas = st.floats(0.01, 3)
@@ -61,16 +58,6 @@ def test_curvature_at_the_minimum_is_the_information(sigma):
     weight = majorizing_weight(t(0.0), t(sigma)) * unit_information_weight(t(sigma))
     assert float(weight) == pytest.approx(1 / sigma**2)
     assert float(majorizing_weight(t(0.0), t(sigma))) == pytest.approx(math.sqrt(2 / math.pi) / sigma)
-
-
-def test_weightings():
-    sigma = torch.tensor([0.1, 0.2]).double()
-    np.testing.assert_allclose(Weighting("mean", 100.0).per_row(sigma), 50.0)
-    np.testing.assert_allclose(
-        Weighting("information", 0.1).per_row(sigma), 0.1 * unit_information_weight(sigma)
-    )
-    with pytest.raises(FactorError, match="amount"):
-        Weighting("information", 1.5)
 
 
 @given(st.floats(-30, 30), st.floats(-30, 30), st.floats(0.5, 5))

@@ -22,7 +22,6 @@ from factors.linearized import linearized
 from factors.priors import code_prior, placed_prior, scale_prior, sized_prior, upright_prior
 from factors.superquadric import Superquadric, SuperquadricConfig
 from factors.surface import SurfaceFactor
-from factors.weighting import Weighting
 from tests.fuzz.api_cases import (
     KEYS,
     POSE,
@@ -54,7 +53,7 @@ FACTORS: dict[Any, tuple[dict[str, Any], dict[str, Any]]] = {
         POINTS,
         {
             "prior_sigma": 0.01,
-            "weighting": Weighting(),
+            "share": 0.5,
             "state_covariance": 1e-4 * np.eye(13),
             "tail": 0.05,
             "body_T_camera": gtsam.Pose3(),
@@ -65,7 +64,7 @@ FACTORS: dict[Any, tuple[dict[str, Any], dict[str, Any]]] = {
         {
             "renderer": FullDistribution(),
             "prior_sigma": 0.01,
-            "weighting": Weighting(),
+            "share": 0.5,
             "sampling": RaySampling(),
             "half_box": np.full(3, 0.5),
             "body_T_camera": gtsam.Pose3(),
@@ -79,7 +78,7 @@ FACTORS: dict[Any, tuple[dict[str, Any], dict[str, Any]]] = {
             "stands": 0.4,
             "renderer": FullDistribution(),
             "prior_sigma": 0.01,
-            "weighting": Weighting(),
+            "share": 0.5,
             "half_box": 0.55,
         },
     ),
@@ -129,7 +128,6 @@ def test_settings_of_factors(data):
                 FullDistribution,
                 Probabilistic,
                 Deterministic,
-                Weighting,
                 SuperquadricConfig,
             ]
         )
@@ -142,7 +140,6 @@ def test_settings_of_factors(data):
             KEYS, PRIOR.decoder, POSE, VIEWS[0].rays, prior_sigma=0.01,
             renderer=made if hasattr(made, "render") else None,
             sampling=made if kind is RaySampling else None,
-            weighting=made if kind is Weighting else None,
         )  # fmt: skip
         factor.refresh(values_at(STATE), made if kind is Annealing else Annealing())
         factor.rows(values_at(STATE))

@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float, Int, UInt8
 
 from factors import checks
-from factors.weighting import DEVIATIONS, PLACES
+from factors.checks import DEVIATIONS, PLACES
 from objgraph.errors import ObservationError
 from objgraph.geometry.boxes import OrientedBox
 from objgraph.geometry.frames import transformed, transformed_back

@@ -8,8 +8,8 @@ from jaxtyping import Bool, Float
 from scipy.spatial import cKDTree
 
 from factors import checks
+from factors.checks import PLACES
 from factors.rays import Rays
-from factors.weighting import PLACES
 from objgraph.errors import ConfigError, ObservationError
 from objgraph.geometry.frames import transformed
 from objgraph.observation.lidar.frame import Detection, LidarFrame

@@ -8,9 +8,9 @@ import numpy as np
 from jaxtyping import Float
 
 from factors import checks
+from factors.checks import DEVIATIONS
 from factors.sdf_decoder import SdfDecoder
 from factors.state import CAMERA_DOF, RIGID_DOF, ObjectState
-from factors.weighting import DEVIATIONS
 from objgraph.errors import ConfigError, FactorError, SolveError
 from objgraph.observation.sampling import ObjectView
 

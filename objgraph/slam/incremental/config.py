@@ -3,7 +3,7 @@
 from dataclasses import dataclass, field
 
 from factors import checks
-from factors.weighting import DEVIATIONS
+from factors.checks import DEVIATIONS
 from objgraph.errors import ConfigError
 from objgraph.graph.builder import GraphConfig
 from objgraph.graph.initialise import InitialisationConfig

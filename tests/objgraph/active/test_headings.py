@@ -134,7 +134,7 @@ def test_the_divergence_is_that_of_the_points_seen(doubtful):
     ):
         sigma = np.hypot(CONFIG.noise(p[2:])[0], doubtful.residual[i])
         # of N(0, sigma) from N(of_own, sigma), no more than three sigma off; twice, for two factors
-        total += 2 * min(1.0, CONFIG.effective_count * share) * min((other.of_own[i] / sigma) ** 2, 9.0) / 2
+        total += 2 * share * min((other.of_own[i] / sigma) ** 2, 9.0) / 2
     assert divergence(doubtful, other.of_own, camera, scene, CONFIG) == pytest.approx(total)
     assert divergence(doubtful, np.zeros(len(doubtful.points)), camera, scene, CONFIG) == 0.0
 

@@ -217,9 +217,7 @@ def test_views_share_what_the_decoder_cannot_make(chair):
 
     jacobian = known.jacobian[seen[2]]
     p_camera = np.array([third.transformTo(p) for p in known.points[seen[2]]])
-    share = np.minimum(
-        1.0, CONFIG.effective_count * independent_shares(p_camera, CONFIG.correlation_length, most=0.25)
-    )
+    share = independent_shares(p_camera, CONFIG.correlation_length, most=0.25)
     more = np.array([told(i, [0, 1, 2]) - told(i, [0, 1]) for i in np.flatnonzero(seen[2]).tolist()])
     assert (seen[2] & seen[0] & seen[1]).any()
     assert (seen[2] & ~seen[0] & ~seen[1]).any()
