@@ -13,7 +13,6 @@ from factors.occupancy import (
     OccupancyMoments,
     depth_mean,
     depth_mean_gradient,
-    depth_moments,
     quadrature_moments,
     sobol_moments,
     total_depth_variance,
@@ -37,15 +36,9 @@ class GaussianDepth(ABC):
     def occupancy(self, sdf: Tensor, sdf_sigma: Tensor, slope: float) -> OccupancyMoments:
         """Moments of the occupancy at every cell."""
 
-    @abstractmethod
-    def depth_variance(
-        self, moments: OccupancyMoments, depth: Float[Tensor, "r k"], escape: Float[Tensor, "r"]
-    ) -> Float[Tensor, "r"]:
-        """Variance of the rendered depth, square metres."""
-
     def ray_variance(self, samples: RaySamples, moments: OccupancyMoments) -> Float[Tensor, "r"]:
-        """`depth_variance` of some rays."""
-        return self.depth_variance(moments, samples.cells.depth, samples.escape)
+        """Variance of the rendered depth, square metres: of where the ray ends, over its samples."""
+        return total_depth_variance(moments.mean, samples.cells.depth, samples.escape)
 
     def freeze(self, samples: RaySamples) -> Float[Tensor, "r"]:
         """See `Renderer`; the sensor's own variance is added."""
@@ -89,13 +82,11 @@ class GaussianDepth(ABC):
 class Probabilistic(GaussianDepth):
     """The paper's: an uncertain SDF makes uncertain occupancies, and these an uncertain depth."""
 
-    variance: Literal["total", "epistemic"] = "total"
-    """Which of the two variances scores: of the termination depth, or of its expectation."""
     moments: Literal["quadrature", "sobol"] = "quadrature"
     """How the logit-normal's moments are found: "sobol" is the paper's, 128 points by the inverse transform."""
 
     def __post_init__(self) -> None:
-        """Raises FactorError where there is no such variance or way to find it."""
+        """Raises FactorError where there is no such way to find them."""
         checks.settings(self, draws=checks.Range(2, 2**16))
 
     def occupancy(self, sdf: Tensor, sdf_sigma: Tensor, slope: float) -> OccupancyMoments:
@@ -111,21 +102,10 @@ class Probabilistic(GaussianDepth):
             certain.second.masked_scatter(uncertain, some.second),
         )
 
-    def depth_variance(
-        self, moments: OccupancyMoments, depth: Float[Tensor, "r k"], escape: Float[Tensor, "r"]
-    ) -> Float[Tensor, "r"]:
-        """The chosen one."""
-        if self.variance == "total":
-            return total_depth_variance(moments.mean, depth, escape)
-        return depth_moments(moments, depth, escape).epistemic
-
 
 @dataclass(frozen=True)
 class Uncentred(Probabilistic):
-    """The released program's: `uncentred_depth_variance`, from draws that all samples share, about the paper's mean.
-
-    `variance` is then of no account.
-    """
+    """The released program's: `uncentred_depth_variance`, from draws that all samples share, about the paper's mean."""
 
     moments: Literal["quadrature", "sobol"] = "sobol"
     """Of the mean."""
@@ -148,12 +128,6 @@ class Sampled(GaussianDepth):
     def occupancy(self, sdf: Tensor, sdf_sigma: Tensor, slope: float) -> OccupancyMoments:
         """Of the SDF's mean alone."""
         return _certain_occupancy(sdf, slope)
-
-    def depth_variance(
-        self, moments: OccupancyMoments, depth: Float[Tensor, "r k"], escape: Float[Tensor, "r"]
-    ) -> Float[Tensor, "r"]:
-        """Variance of the termination depth over the samples."""
-        return total_depth_variance(moments.mean, depth, escape)
 
 
 @dataclass(frozen=True)
@@ -180,11 +154,9 @@ class Deterministic(GaussianDepth):
         """Of the SDF's mean alone."""
         return _certain_occupancy(sdf, slope)
 
-    def depth_variance(
-        self, moments: OccupancyMoments, depth: Float[Tensor, "r k"], escape: Float[Tensor, "r"]
-    ) -> Float[Tensor, "r"]:
+    def ray_variance(self, samples: RaySamples, moments: OccupancyMoments) -> Float[Tensor, "r"]:
         """None: the score is then the absolute error."""
-        return torch.zeros_like(escape)
+        return torch.zeros_like(samples.escape)
 
 
 def _certain_occupancy(sdf: Tensor, slope: float) -> OccupancyMoments:

@@ -27,16 +27,6 @@ class OccupancyMoments(NamedTuple):
         return -slope * (self.mean - self.second)
 
 
-class DepthMoments(NamedTuple):
-    """Rendered depth of each ray and its two variances, metres."""
-
-    mean: Float[Tensor, "r"]
-    epistemic: Float[Tensor, "r"]
-    """Variance of the expected depth under uncertain occupancies."""
-    total: Float[Tensor, "r"]
-    """Variance of the termination depth about the mean."""
-
-
 def occupancy_quantile(
     u: Float[Tensor, "..."], mu: Float[Tensor, "..."], sigma: Float[Tensor, "..."], slope: float
 ) -> Float[Tensor, "..."]:
@@ -117,25 +107,6 @@ def uncentred_depth_variance(
     before = torch.cat([torch.ones_like(passed[:, :1]), passed[:, :-1]], dim=1)
     ends = torch.cat([before - passed, passed[:, -1:]], dim=1).var(dim=2, unbiased=False)
     return (torch.cat([depth, escape[:, None]], dim=1).square() * ends).sum(dim=1)
-
-
-def depth_moments(
-    moments: OccupancyMoments, depth: Float[Tensor, "r k"], escape: Float[Tensor, "r"]
-) -> DepthMoments:
-    """Moments of the depth at which a ray ends, its escape counted at depth `escape`.
-
-    From the last sample to the first: D_i = o_i d_i + (1 - o_i) D_{i+1}, where o_i and D_{i+1} are independent.
-    Depths are taken about their mean, so both variances stay the same when the scene moves along the ray.
-    """
-    mean = depth_mean(moments.mean, depth, escape)
-    first = escape - mean
-    second = first.square()
-    for i in range(depth.shape[1] - 1, -1, -1):
-        d, m, q = depth[:, i] - mean, moments.mean[:, i], moments.second[:, i]
-        second = q * d.square() + 2 * (m - q) * d * first + (1 - 2 * m + q) * second
-        first = m * d + (1 - m) * first
-    total = total_depth_variance(moments.mean, depth, escape)
-    return DepthMoments(mean, (second - first.square()).clamp_min(0.0), total)
 
 
 def depth_mean_gradient(

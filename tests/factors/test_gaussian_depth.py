@@ -10,16 +10,12 @@ from scipy.stats import norm
 
 from factors.full_distribution import FullDistribution
 from factors.gaussian_depth import Deterministic, GaussianDepth, Probabilistic, Sampled, Uncentred
-from factors.occupancy import OccupancyMoments, depth_mean
+from factors.occupancy import depth_mean, total_depth_variance
 from factors.rays import RayCells
 from factors.rendering import ESCAPE, RaySamples, RayTargets
 from factors.score import energy_score
 
-PROBABILISTIC = [
-    Probabilistic(variance, moments)
-    for variance in ("total", "epistemic")
-    for moments in ("quadrature", "sobol")
-]
+PROBABILISTIC = [Probabilistic(moments) for moments in ("quadrature", "sobol")]
 GAUSSIAN = [*PROBABILISTIC, Sampled(), Deterministic()]
 FULL = [
     FullDistribution(),
@@ -57,27 +53,17 @@ def nodes_of(renderer: GaussianDepth) -> tuple[np.ndarray, np.ndarray]:
 
 
 def depth_by_sums(renderer, sdf, sigma, depth, escape, slope):
-    """Mean and variance of one ray's depth by the definitions, event by event and pair of events by pair."""
+    """Mean and variance of one ray's depth by the definitions, event by event."""
     x, weight = nodes_of(renderer)
     spread = sigma if isinstance(renderer, Probabilistic) else np.zeros_like(sigma)
     o = expit(-slope * (sdf[:, None] + spread[:, None] * x))
-    m, q = o @ weight / weight.sum(), o**2 @ weight / weight.sum()
     ends = [*depth, escape]
-    m, q = np.append(m, 1.0), np.append(q, 1.0)  # whoever has passed all samples escapes
+    m = np.append(o @ weight / weight.sum(), 1.0)  # whoever has passed all samples escapes
     probability = [m[i] * np.prod(1 - m[:i]) for i in range(len(ends))]
     mean = sum(p * d for p, d in zip(probability, ends, strict=True))
     if isinstance(renderer, Deterministic):
         return mean, 0.0
-    if not isinstance(renderer, Probabilistic) or renderer.variance == "total":
-        return mean, sum(p * (d - mean) ** 2 for p, d in zip(probability, ends, strict=True))
-    square = 0.0
-    for i in range(len(ends)):
-        both_pass = np.prod(1 - 2 * m[:i] + q[:i])
-        square += both_pass * q[i] * (ends[i] - mean) ** 2
-        for j in range(i + 1, len(ends)):
-            event = both_pass * (m[i] - q[i]) * np.prod(1 - m[i + 1 : j]) * m[j]
-            square += 2 * event * (ends[i] - mean) * (ends[j] - mean)
-    return mean, square
+    return mean, sum(p * (d - mean) ** 2 for p, d in zip(probability, ends, strict=True))
 
 
 def score_by_sums(renderer, sdf, sigma, cells, targets, slope) -> np.ndarray:
@@ -170,7 +156,7 @@ def test_sampled_is_the_mean_and_spread_of_a_million_rays():
     escape = ESCAPE * cells.far
     moments = renderer.occupancy(sdf, sigma, SLOPE)
     mean = depth_mean(moments.mean, cells.depth, escape)
-    variance = renderer.depth_variance(moments, cells.depth, escape)
+    variance = total_depth_variance(moments.mean, cells.depth, escape)
     for r in range(RAYS):
         occupied = rng.random((1_000_000, SAMPLES), dtype=np.float32) < expit(-SLOPE * sdf[r].numpy())
         first = np.where(occupied.any(axis=1), occupied.argmax(axis=1), SAMPLES)
@@ -194,26 +180,21 @@ def test_the_score_of_the_expected_depth_alone_is_its_absolute_error():
 @pytest.mark.parametrize("renderer", PROBABILISTIC)
 def test_without_uncertainty_the_papers_is_the_sampled_one(renderer):
     sdf, _, cells, targets = scene()
-    certain, escape = torch.zeros_like(sdf), ESCAPE * cells.far
+    certain = torch.zeros_like(sdf)
     papers, sampled = (each.occupancy(sdf, certain, SLOPE) for each in (renderer, Sampled()))
     torch.testing.assert_close(papers.mean, sampled.mean)
-    variance = renderer.depth_variance(papers, cells.depth, escape)
-    if renderer.variance == "epistemic":
-        torch.testing.assert_close(variance, torch.zeros_like(variance), rtol=0, atol=1e-12)
-        sampled_score = Deterministic().score(RaySamples(sdf, certain, cells, targets, SLOPE))
-    else:
-        torch.testing.assert_close(variance, Sampled().depth_variance(sampled, cells.depth, escape))
-        sampled_score = Sampled().score(RaySamples(sdf, certain, cells, targets, SLOPE))
-    score = renderer.score(RaySamples(sdf, certain, cells, targets, SLOPE))
-    torch.testing.assert_close(score, sampled_score, rtol=0, atol=1e-6)
+    samples = RaySamples(sdf, certain, cells, targets, SLOPE)
+    torch.testing.assert_close(
+        renderer.ray_variance(samples, papers), Sampled().ray_variance(samples, sampled)
+    )
+    torch.testing.assert_close(renderer.score(samples), Sampled().score(samples), rtol=0, atol=1e-6)
 
 
-@pytest.mark.parametrize("variance", ["total", "epistemic"])
-def test_sobol_points_do_what_the_quadrature_does(variance):
+def test_sobol_points_do_what_the_quadrature_does():
     sdf, sigma, cells, targets = scene()
     for slope, tolerance in ((60.0, 2e-3), (400.0, 1e-2)):
         exact, points = (
-            Probabilistic(variance, moments).score(RaySamples(sdf, sigma, cells, targets, slope))
+            Probabilistic(moments).score(RaySamples(sdf, sigma, cells, targets, slope))
             for moments in ("quadrature", "sobol")
         )
         torch.testing.assert_close(points, exact, rtol=tolerance, atol=1e-4)
@@ -274,8 +255,8 @@ def test_moving_the_scene_along_the_ray_changes_no_variance(renderer, shift):
     sdf, sigma, cells, _ = scene()
     moments = renderer.occupancy(sdf, sigma, SLOPE)
     escape = ESCAPE * cells.far
-    here = renderer.depth_variance(moments, cells.depth, escape)
-    there = renderer.depth_variance(moments, cells.depth + shift, escape + shift)
+    here = total_depth_variance(moments.mean, cells.depth, escape)
+    there = total_depth_variance(moments.mean, cells.depth + shift, escape + shift)
     assert float(here.min()) > 1e-5
     torch.testing.assert_close(there, here, rtol=1e-9, atol=1e-13)
 
@@ -287,9 +268,9 @@ def test_variances_bear_single_precision(renderer):
     depth = torch.as_tensor(2.5 + 0.02 * np.arange(50))[None]
     sdf = torch.as_tensor(3.0 - depth.numpy() + 0.001 * rng.normal(size=(1, 50)))
     sigma, escape = torch.full_like(sdf, 0.004), torch.tensor([3.8]).double()
-    exact = renderer.depth_variance(renderer.occupancy(sdf, sigma, 400.0), depth, escape)
-    moments = OccupancyMoments(*(m.float() for m in renderer.occupancy(sdf, sigma, 400.0)))
-    found = renderer.depth_variance(moments, depth.float(), escape.float())
+    occupancy = renderer.occupancy(sdf, sigma, 400.0).mean
+    exact = total_depth_variance(occupancy, depth, escape)
+    found = total_depth_variance(occupancy.float(), depth.float(), escape.float())
     assert float(found) == pytest.approx(float(exact), rel=1e-3)
 
 

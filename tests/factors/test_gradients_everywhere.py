@@ -42,7 +42,7 @@ RENDERERS = {
     "independent": FullDistribution("independent"),
     "every metre": FullDistribution(reach=None),
     "paper": Probabilistic(),
-    "paper's epistemic": Probabilistic("epistemic", "sobol"),
+    "paper's by Sobol points": Probabilistic("sobol"),
     "released": Uncentred(),
     "sampled": Sampled(),
     "deterministic": Deterministic(),

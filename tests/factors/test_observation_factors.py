@@ -138,14 +138,14 @@ def test_rendered_quantity_jacobian(kind, camera):
 
 
 def _mean_depth(factor, values):
-    from factors.occupancy import depth_moments, quadrature_moments
+    from factors.occupancy import depth_mean, quadrature_moments
 
     frozen, query = factor._held, factor.query(values)
     value = factor.decoder(query.p_object, query.code[None])
     sdf = (frozen.metric.at(query.state) * value).view_as(frozen.cells.depth)
     moments = quadrature_moments(sdf, frozen.sdf_sigma, frozen.slope)
     escape = 1.1 * frozen.cells.far
-    mean = depth_moments(moments, frozen.cells.depth, escape).mean
+    mean = depth_mean(moments.mean, frozen.cells.depth, escape)
     return mean - torch.where(frozen.targets.hit, frozen.targets.depth, escape)
 
 

@@ -15,7 +15,6 @@ RENDERERS = [
     FullDistribution(reach=None),
     FullDistribution(correlation="independent"),
     Probabilistic(),
-    Probabilistic(variance="epistemic"),
     Sampled(),
     Deterministic(),
 ]
