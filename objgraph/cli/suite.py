@@ -27,6 +27,8 @@ _FIELDS = {
     "tables": list[dict[str, Any]],
 }
 """Of a part's figures, those that the page shows."""
+_FOLDERS = ("root", "meshes")
+"""What settings call the folders that data are in."""
 Run = Callable[[EvaluateCommand, Console, str], object]
 """What does one command; the last is how it would be typed."""
 
@@ -154,12 +156,11 @@ def _command(part: Part, command: EvaluateCommand) -> EvaluateCommand:
     return replace(command, **given)
 
 
-def _without_place(document: dict[str, Any]) -> dict[str, Any]:
-    """The figures with their meshes' folder by its name alone: a page that is published says nothing of one machine."""
-    data = document.get("data")
-    if not isinstance(data, dict) or not isinstance(data.get("meshes"), str):
-        return document
-    return document | {"data": data | {"meshes": Path(data["meshes"]).name}}
+def _without_place(document: Any, key: str = "") -> Any:
+    """The figures with folders by their names alone: a page that is published says nothing of one machine."""
+    if isinstance(document, dict):
+        return {name: _without_place(value, name) for name, value in document.items()}
+    return Path(document).name if key in _FOLDERS and isinstance(document, str) else document
 
 
 def _document(path: Path) -> dict[str, Any] | None:

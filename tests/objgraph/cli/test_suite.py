@@ -82,10 +82,17 @@ def test_parts_run_in_their_folders_and_what_has_no_data_is_left_out(tmp_path, c
 
 
 def test_what_is_kept_names_no_place_of_one_machine(tmp_path):
-    put(tmp_path, "hard-families", document() | {"data": {"meshes": str(tmp_path / "cad2"), "seed": 5}})
+    put(
+        tmp_path,
+        "hard-families",
+        document()
+        | {"data": {"meshes": str(tmp_path / "cad2"), "seed": 5}}
+        | {"settings": {"graph": {"data": {"root": str(tmp_path / "kitti")}}}},
+    )
     render("docs", tmp_path, tmp_path / "docs")
     kept = (tmp_path / "docs" / "results" / "hard-families.json").read_text()
     assert json.loads(kept)["data"] == {"meshes": "cad2", "seed": 5}
+    assert json.loads(kept)["settings"] == {"graph": {"data": {"root": "kitti"}}}
     assert str(tmp_path) not in kept
 
 
@@ -179,10 +186,18 @@ def test_where_the_graph_is_behind_is_told_first(tmp_path):
         {**entry, "contender": "dsp-slam", "pose_rate": 0.6, "median_chamfer_m": 0.031},
         {**entry, "contender": "ours", "category": "table", "pose_rate": 1.0},
     ]
-    text = behind_table({"Hard": {"rows": rows}}).markdown()
-    assert "| Hard, chair, 3 views | 9-DoF pose | ours@own | 0.75 | graph@own | 0.7 |" in text
-    assert "| Hard, chair, 3 views | 9-DoF pose | dsp-slam | 0.6 | graph | 0.5 |" in text
+    box = {"quality": "full", "views": 1, "n": 2, "median_box_iou": 0.7, "median_heading_error_deg": 3.0}
+    boxes = [{**box, "contender": "graph"}, {**box, "contender": "ours", "median_heading_error_deg": 2.0}]
+    others = [{**entry, "contender": "ours"}, {**entry, "contender": "ours-squared", "pose_rate": 0.6}]
+    text = behind_table(
+        {"Hard": {"rows": rows}, "Real": {"rows": boxes}, "Options": {"rows": others}}
+    ).markdown()
+    assert "| Hard, chair, 3 views | 9-DoF pose | ours@own | 0.75 | graph@own | 0.7 | - |" in text
+    assert "| Hard, chair, 3 views | 9-DoF pose | dsp-slam | 0.6 | graph | 0.5 | - |" in text
     assert text.count("| Hard") == 2  # as printed the others are equal or worse
+    assert "| Real, 1 view, full | heading (deg) | ours | 2.0 | graph | 3.0 | 2 |" in text
+    assert text.count("| Real") == 1
+    assert "Options" not in text  # no graph is compared there
     put(tmp_path, "hard-families", document())
     page = render("docs", tmp_path, tmp_path).read_text()
     assert page.index("Where the graph is behind") < page.index("## Hard")

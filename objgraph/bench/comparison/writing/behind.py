@@ -13,6 +13,10 @@ _FIGURES = (
     ("median_translation_m", "translation (cm)", 100.0, 1, -1),
     ("median_rotation_deg", "rotation (deg)", 1.0, 1, -1),
     ("median_chamfer_m", "Chamfer (cm)", 100.0, 2, -1),
+    ("median_box_iou", "IoU", 1.0, 2, 1),
+    ("median_heading_error_deg", "heading (deg)", 1.0, 1, -1),
+    ("median_scale_pct", "size (%)", 1.0, 1, -1),
+    ("median_scale_pct_max", "worst edge (%)", 1.0, 1, -1),
     ("mean_iou", "mean IoU", 1.0, 3, 1),
     ("iou60", "IoU>0.6", 1.0, 3, 1),
     ("iou75", "IoU>0.75", 1.0, 3, 1),
@@ -21,7 +25,7 @@ _FIGURES = (
 
 FIGURES_OF_ROWS: dict[str, Any] = {
     **dict.fromkeys(("contender", "method", "category", "quality"), str | None),
-    "views": int | None,
+    **dict.fromkeys(("views", "n"), int | None),
     **{name: float | None for name, *_ in _FIGURES},
 }
 """What is read of a comparison's rows."""
@@ -32,7 +36,7 @@ def behind_table(documents: Mapping[str, Mapping[str, Any]]) -> Grid:
     rows = []
     for title, document in documents.items():
         names = list(dict.fromkeys(map(_name, document["rows"])))
-        pairs = [(a, b) for a, b in against(names) if b.partition("@")[0] != GRAPH]
+        pairs = [(a, b) for a, b in against(names) if a.partition("@")[0] == GRAPH != b.partition("@")[0]]
         for own in document["rows"]:
             of = {key: own.get(key) for key in ("category", "views", "quality")}
             beaten = {b for a, b in pairs if a == _name(own)}
@@ -51,9 +55,9 @@ def behind_table(documents: Mapping[str, Mapping[str, Any]]) -> Grid:
                     what = ", ".join(
                         [title, *(_words(key, value) for key, value in of.items() if value is not None)]
                     )
-                    texts = (what, words, _name(best), theirs, _name(own), ours)
+                    texts = (what, words, _name(best), theirs, _name(own), ours, own.get("n") or "-")
                     rows.append(tuple(Cell(str(text)) for text in texts))
-    header = ("Where", "Figure", "Best", "its", "Graph", "its")
+    header = ("Where", "Figure", "Best", "its", "Graph", "its", "objects")
     caption = "Every rate and median, of all parts of this page, at which some method is better than the graph that begins where it does."
     return Grid("Where the graph is behind", header, (tuple(rows),), caption, words=3)
 
