@@ -12,10 +12,12 @@ import numpy as np
 import pytest
 import safetensors.numpy
 
+import objgraph.cli.calibrate
 import objgraph.cli.evaluate
 import objgraph.cli.map
 import objgraph.cli.report
 import objgraph.cli.segment
+import objgraph.cli.sensor
 import objgraph.training.export
 import objgraph.training.guess  # noqa: F401
 from objgraph.atomic import UNFINISHED
@@ -25,10 +27,11 @@ from objgraph.observation.frames import Scan
 from objgraph.segment.mask2former import Segmenter
 from objgraph.synthetic.camera import CameraConfig
 from objgraph.synthetic.sample import SampleConfig, generate_sample
+from tests.objgraph.cli.test_calibrate import rows, written
 from tests.objgraph.datasets.dataset_folders import write_plain_folder
 from tests.objgraph.segment.test_segment import Network, by_color, write_folder
 
-_SAMPLE = SampleConfig(camera=CameraConfig(frames=6, width=160, height=120))
+_SAMPLE = SampleConfig(camera=CameraConfig(frames=8, width=160, height=120))
 _TIMES = {"seconds", "seconds_cpu", "start_seconds", "seconds_by_stage"}
 _WITH_TIMES = ("objects.csv", "tables.md", "figures.json", "report.html")
 """What shows times as well: only that it is there is compared; the rows are."""
@@ -58,11 +61,13 @@ class Command:
 
 
 def write_inputs(given: Path) -> None:
-    """A scan with but one chair."""
+    """A scan with but one chair, and rows of made-up objects."""
+    written(given / "rows", rows())
     whole = scannet.load(generate_sample(given / "sample", _SAMPLE) / "scannet")
     chairs = [each for each in whole.instances if each.category == "chair"]
     pixels = [
-        sum(int(np.count_nonzero(whole.frames[i].instances == each.id)) for i in range(6)) for each in chairs
+        sum(int(np.count_nonzero(whole.frames[i].instances == each.id)) for i in range(_SAMPLE.camera.frames))
+        for each in chairs
     ]
     write_plain_folder(
         given / "scan", Scan(whole.name, whole.frames, (chairs[int(np.argmax(pixels))],), whole.up_world)
@@ -100,6 +105,13 @@ ARGUMENTS: dict[str, Callable[[Path, Path], list[str]]] = {
     "map": _map,
     "report": lambda given, out: ["report", str(out)],
     "segment": lambda given, out: ["segment", "--root", str(out), "--up", "0", "-1", "0"],
+    "calibrate": lambda given, out: [
+        "calibrate",
+        str(given / "rows"),
+        "--out",
+        str(out / "calibration.json"),
+    ],
+    "sensor": lambda given, out: ["sensor", "--root", str(given / "scan"), "--out", str(out / "sensor.json")],
     "evaluate": _evaluate,
     "train": _train,
     "train-guess": _train_guess,
