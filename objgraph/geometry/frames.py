@@ -16,14 +16,16 @@ def level_axes(up: Float[np.ndarray, "3"]) -> tuple[Float[np.ndarray, "3"], Floa
     return first, np.cross(up, first)
 
 
-def upright_axes(up: Float[np.ndarray, "3"], heading: float) -> Float[np.ndarray, "3 3"]:
+def upright_axes(
+    up: Float[np.ndarray, "3"], heading: float | Float[np.ndarray, "*h"]
+) -> Float[np.ndarray, "*h 3 3"]:
     """Axes of an upright object as columns: y up, x at `heading` radians about it from a fixed level direction."""
     up = np.asarray(up, float) / np.linalg.norm(up)
     x0 = perpendicular(up)
     x0 /= np.linalg.norm(x0)
     z0 = np.cross(x0, up)
-    x = np.cos(heading) * x0 - np.sin(heading) * z0
-    return np.stack([x, up, np.cross(x, up)], axis=1)
+    x = np.multiply.outer(np.cos(heading), x0) - np.multiply.outer(np.sin(heading), z0)
+    return np.stack([x, np.broadcast_to(up, x.shape), np.cross(x, up)], axis=-1)
 
 
 def look_at(

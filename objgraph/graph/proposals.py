@@ -10,9 +10,10 @@ from jaxtyping import Float
 
 from factors.state import ObjectState
 from objgraph.errors import InitialisationError
-from objgraph.observation.clouds import cloud, view_cloud
+from objgraph.observation.clouds import clouds, view_cloud
+from objgraph.observation.gravity_box import smallest_heading
 from objgraph.observation.sampling import ObjectView
-from objgraph.priors.first_guess import PLACE, place_from_quarter
+from objgraph.priors.first_guess import PLACE, modes, placed
 from objgraph.priors.shape_prior import ShapePrior
 
 _FEWEST = 10
@@ -23,14 +24,14 @@ class Proposal:
     """One way in which an object may stand."""
 
     probability: float
-    """Of its heading's quarter."""
+    """Of its heading and those about it."""
     state: ObjectState
 
 
 def proposals(
     prior: ShapePrior, views: Sequence[ObjectView], up_world: Float[np.ndarray, "3"], floor: float | None
 ) -> list[Proposal]:
-    """The four headings of a prior with a first guess, the likeliest first.
+    """How an object may stand by its prior's first guess, the likeliest first.
 
     `floor` is its height along `up_world`, metres.
 
@@ -38,21 +39,25 @@ def proposals(
         InitialisationError: there are too few points to put a box about.
     """
     assert prior.guess is not None
-    clouds = [view_cloud(view) for view in views]
-    if (count := sum(len(each.surface) for each in clouds)) < _FEWEST:
-        raise InitialisationError(f"{count} points are too few to place an object; add views of it")
+    seen = [view_cloud(view) for view in views]
+    p_world = np.concatenate([each.surface for each in seen]) if seen else np.zeros((0, 3))
+    if len(p_world) < _FEWEST:
+        raise InitialisationError(f"{len(p_world)} points are too few to place an object; add views of it")
     config, unit = prior.guess.config, prior.size_mean
     floor = floor if prior.stands else None
-    seen = cloud(clouds, up_world, floor, unit, config.surface, config.free, np.random.default_rng(0))
+    headings = config.at(smallest_heading(p_world, up_world))
+    rng = np.random.default_rng(0)
+    looked = clouds(seen, up_world, floor, unit, headings, config.surface, config.free, rng)
     like = next(prior.guess.parameters())
     with torch.no_grad():
         said = prior.guess(
-            torch.from_numpy(seen.points)[None].to(like), torch.as_tensor(seen.box.size / unit)[None].to(like)
+            torch.from_numpy(looked.points)[None].to(like),
+            torch.as_tensor(looked.box.size / unit)[None].to(like),
         )
     result = []
-    for quarter in np.argsort(-said.log_probability[0].cpu().numpy(), kind="stable"):
-        mean = said.mean[0, quarter].cpu().double().numpy()
-        T_world_object, log_scale = place_from_quarter(seen.box, unit, int(quarter), mean[:PLACE])
+    for k, probability in modes(said.log_probability[0].exp().cpu().double().numpy()):
+        mean = said.mean[0, k].cpu().double().numpy()
+        T_world_object, log_scale = placed(looked.box[k], unit, mean[:PLACE])
         state = ObjectState(gtsam.Pose3(T_world_object), log_scale, mean[PLACE:])
-        result.append(Proposal(float(said.log_probability[0, quarter].exp()), state))
+        result.append(Proposal(probability, state))
     return result

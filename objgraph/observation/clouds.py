@@ -1,4 +1,4 @@
-"""What views say of one object as a small cloud about its seen box, for a network."""
+"""What views say of one object as small clouds about its seen boxes, for a network."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -8,7 +8,7 @@ from jaxtyping import Float
 from numpy.random import Generator
 
 from objgraph.geometry.frames import transformed
-from objgraph.observation.gravity_box import GravityBox, gravity_box, smallest_heading
+from objgraph.observation.gravity_box import GravityBox, gravity_box
 from objgraph.observation.sampling import ObjectView
 
 FEATURES = 8
@@ -28,10 +28,10 @@ class ViewCloud:
 
 
 @dataclass(frozen=True)
-class Cloud:
-    """Points about the smallest upright box that holds those seen."""
+class Clouds:
+    """The same points about the upright box that holds those seen, at each of some headings."""
 
-    points: Float[np.ndarray, "p 8"]
+    points: Float[np.ndarray, "h p 8"]
     box: GravityBox
 
 
@@ -44,16 +44,17 @@ def view_cloud(view: ObjectView) -> ViewCloud:
     return ViewCloud(surface[np.isfinite(surface).all(axis=1)], p_free, T_world_camera[:3, 3])
 
 
-def cloud(
+def clouds(
     views: Sequence[ViewCloud],
     up_world: Float[np.ndarray, "3"],
     floor: float | None,
     unit: float,
+    headings: Float[np.ndarray, "h"],
     surface: int,
     free: int,
     rng: Generator,
-) -> Cloud:
-    """So many points on the surface and in free space, in the box' frame and in `unit` metres.
+) -> Clouds:
+    """So many points on the surface and in free space, in the frame of the box at each heading and in `unit` metres.
 
     `floor` is its height along `up_world`, metres; an object near above it stands on it. Views must see at least 3 points.
     """
@@ -62,15 +63,16 @@ def cloud(
     eyes = [np.concatenate([np.broadcast_to(v.eye, p.shape) for v, p in pairs]) for pairs in (
         [(view, view.surface) for view in views], [(view, view.free) for view in views]
     )]  # fmt: skip
-    box = gravity_box(p_surface, up_world, smallest_heading(p_surface, up_world), floor)
+    box = gravity_box(p_surface, up_world, headings, floor)
     parts = []
     for points, eye, count, is_free in ((p_surface, eyes[0], surface, 0.0), (p_free, eyes[1], free, 1.0)):
         if not len(points):  # nothing free is seen: what is seen is said again
             points, eye, is_free = p_surface, eyes[0], 0.0
         some = rng.choice(len(points), count, replace=len(points) < count)
-        at = (points[some] - box.centre_world) @ box.R_world_object / unit
-        along = (points[some] - eye[some]) @ box.R_world_object
+        at = (points[some] - box.centre_world[:, None]) @ box.R_world_object / unit
+        along = points[some] - eye[some]
         along = along / np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-9)
-        height = at[:, 1:2] + box.size[1] / (2 * unit)
-        parts.append(np.concatenate([at, along, height, np.full((count, 1), is_free)], axis=1))
-    return Cloud(np.concatenate(parts).astype(np.float32), box)
+        height = at[..., 1:2] + box.size[:, None, 1:2] / (2 * unit)
+        which = np.full((*height.shape[:2], 1), is_free)
+        parts.append(np.concatenate([at, along @ box.R_world_object, height, which], axis=-1))
+    return Clouds(np.concatenate(parts, axis=1).astype(np.float32), box)

@@ -1,6 +1,7 @@
 """A shape prior as one safetensors file: weights and code statistics as tensors, the model card as JSON."""
 
 import hashlib
+import logging
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -20,6 +21,8 @@ from objgraph.errors import PriorError
 from objgraph.priors.first_guess import FirstGuess, FirstGuessConfig
 from objgraph.priors.shape_prior import ShapePrior
 from objgraph.priors.tensors import load_tensors, loaded_network, save_tensors
+
+log = logging.getLogger(__name__)
 
 FORMAT = "objgraph-prior-1"
 FRAME = "y up, front at -z, bounding box centred (ShapeNetCore.v2's axes)"
@@ -78,9 +81,13 @@ def load_prior_file(path: Path) -> ShapePrior:
         raise PriorError(f"{path} is damaged: its tensors do not have the hash that its card gives")
     try:
         decoder = _decoder_of(header["decoder"], _part(tensors, "decoder."))
-        guess = None
-        if "guess" in header:
-            config = typed(FirstGuessConfig, header["guess"])
+        guess, said = None, header.get("guess")
+        if said is not None and "headings" not in said:
+            log.warning(
+                "%s: its first guess is of an older kind and left out; `objgraph train-guess` makes one", path
+            )
+        elif said is not None:
+            config = typed(FirstGuessConfig, said)
             guess = loaded_network(FirstGuess, config, _part(tensors, "guess.")).requires_grad_(False).eval()
         mean, kinds = tensors["code_mean"].numpy(), _kinds(_part(tensors, "kinds."))
         covariance = tensors["code_covariance"].numpy() if kinds is None else kinds.moments()[1]

@@ -32,6 +32,8 @@ class GuessCommand:
     """The prior to write, with the guess."""
     meshes: tuple[Path, ...] = ()
     """Folders of meshes to measure it on: of those with an `index.json` what the prior has not seen."""
+    shapes: int = 3500
+    """Random codes, of which the scenes are drawn evenly."""
     spread: float = 1.0
     """Factor on the standard deviations that the prior gives its codes: a third for those whose covariance is nine times that of
     the training codes, whose random codes would be no shapes."""
@@ -55,7 +57,7 @@ def guess_command(command: GuessCommand) -> Path:
     if command.meshes:
         chosen = choose_meshes(command.meshes, prior.category, prior)
         unseen = list(zip(chosen.paths, chosen.names, strict=True))
-    shapes = random_shapes(prior, command.guess.scenes, command.guess.seed, command.spread)
+    shapes = random_shapes(prior, command.shapes, command.guess.seed, command.spread)
     with bars() as report:
         work = command.work / prior.category
         prior = with_first_guess(prior, shapes, unseen, command.guess, work, command.jobs, report)

@@ -9,15 +9,16 @@ from pathlib import Path
 import numpy as np
 import torch
 import trimesh
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float
 from numpy.random import Generator
 from safetensors import SafetensorError
 from safetensors.numpy import load_file, save
 
 from objgraph.atomic import write_file
 from objgraph.errors import PriorError, SolveError
-from objgraph.observation.clouds import ViewCloud, cloud, view_cloud
-from objgraph.priors.first_guess import QUARTERS, FirstGuessConfig, place_in_quarter
+from objgraph.observation.clouds import ViewCloud, clouds, view_cloud
+from objgraph.observation.gravity_box import smallest_heading
+from objgraph.priors.first_guess import FirstGuessConfig, place_in
 from objgraph.priors.mesh import extract_mesh
 from objgraph.priors.shape_prior import ShapePrior
 from objgraph.processes import process_pool
@@ -78,14 +79,14 @@ class Draws:
 class Batch:
     """What the network is given, and what it should say."""
 
-    points: torch.Tensor
-    size: torch.Tensor
-    weight: Float[torch.Tensor, "b 4"]
+    points: Float[torch.Tensor, "b h p 8"]
+    size: Float[torch.Tensor, "b h 3"]
+    weight: Float[torch.Tensor, "b h"]
     """How good each heading is; sums to one."""
-    place: Float[torch.Tensor, "b 4 7"]
-    """Heading, centre and log-scale in the frame of each quarter."""
-    quarter: Int[torch.Tensor, "b"]
-    """The quarter next to each object's heading."""
+    place: Float[torch.Tensor, "b h 7"]
+    """Heading, centre and log-scale in the frame of each, as if the object stood at it."""
+    off: Float[torch.Tensor, "b h"]
+    """Its heading's angle from each, radians within half a turn."""
     alike: Bool[torch.Tensor, "b 16"]
     """By which sixteenths of a turn each object can be turned and looks the same."""
     shape: np.ndarray
@@ -128,36 +129,56 @@ def batch(
     rng: Generator,
     views: int | None = None,
 ) -> Batch:
-    """Clouds of some draws, of one to three of their views each unless it is said of how many."""
-    points, sizes, weights, places, quarters = [], [], [], [], []
+    """Clouds of some draws, seen as a first guess sees them; of how many of their views is said.
+
+    For training it is not: it is of one to three then, at any headings, and half of what is seen is seen in a mirror.
+    """
+    points, sizes, weights, places, offs, alike = [], [], [], [], [], []
     for i in rows:
-        count = min(int(draws.views[i]), views or int(rng.integers(1, VIEWS + 1)))
-        some = rng.permutation(int(draws.views[i]))[:count] if views is None else range(count)
-        seen = [
-            ViewCloud(*(array[i, k].astype(float) for array in (draws.surface, draws.free, draws.eye)))
-            for k in some
-        ]
+        seen, T_world_object, turned = _seen(draws, i, rng, views)
+        p_world = np.concatenate([view.surface for view in seen])
+        start = rng.uniform(0, 2 * np.pi) if views is None else smallest_heading(p_world, UP)
         floor = None if np.isnan(draws.floor[i]) else float(draws.floor[i])
-        made = cloud(seen, UP, floor, unit, config.surface, config.free, rng)
-        quarter, place = place_in_quarter(made.box, unit, draws.T_world_object[i], draws.log_scale[i])
-        weight = np.exp(-((draws.turned[i][:: TURNS // QUARTERS] / _ALIKE) ** 2))
+        made = clouds(seen, UP, floor, unit, config.at(start), config.surface, config.free, rng)
+        place = place_in(made.box, unit, T_world_object, draws.log_scale[i])
+        own = int(np.abs(place[:, 0]).argmin())
+        step = TURNS // config.headings
+        weight = np.roll(np.exp(-((turned[::step] / _ALIKE) ** 2)), own)
+        offs.append(place[:, 0].copy())
+        # a quarter turn from its own heading its edges change places
+        sideways = [
+            (own + config.headings // 4) % config.headings,
+            (own - config.headings // 4) % config.headings,
+        ]
+        place[sideways, 4:7] = place[sideways, 4:7][:, ::-1]
+        place[:, 0] = place[own, 0]
         points.append(made.points)
-        quarters.append(quarter)
         sizes.append(made.box.size / unit)
-        weights.append(np.roll(weight / weight.sum(), quarter))
-        places.append(np.roll([_seen_turned(place, k) for k in range(QUARTERS)], quarter, axis=0))
-    arrays = (torch.from_numpy(np.array(each, np.float32)) for each in (points, sizes, weights, places))
-    clouds, edges, good, wanted = arrays
-    alike = torch.from_numpy(draws.turned[list(rows)] < _ALIKE)
-    return Batch(clouds, edges, good, wanted, torch.tensor(quarters), alike, draws.shape[list(rows)])
+        weights.append(weight / weight.sum())
+        places.append(place)
+        alike.append(turned < _ALIKE)
+    arrays = (torch.from_numpy(np.array(each, np.float32)) for each in (points, sizes, weights, places, offs))
+    return Batch(*arrays, torch.from_numpy(np.array(alike)), draws.shape[list(rows)])
 
 
-def _seen_turned(place: Float[np.ndarray, "7"], quarters: int) -> Float[np.ndarray, "7"]:
-    """The same box with its own axes turned by so many quarters."""
-    heading, x, y, z, sx, sy, sz = place
-    for _ in range(quarters):
-        x, z, sx, sz = -z, x, sz, sx
-    return np.array([heading, x, y, z, sx, sy, sz])
+def _seen(
+    draws: Draws, i: int, rng: Generator, views: int | None
+) -> tuple[list[ViewCloud], Float[np.ndarray, "4 4"], Float[np.ndarray, "16"]]:
+    """Views of one draw, the object's pose, and how far it is from itself turned; in training perhaps mirrored."""
+    there = int(draws.views[i])
+    count = min(there, views or int(rng.integers(1, VIEWS + 1)))
+    some = rng.permutation(there)[:count] if views is None else range(count)
+    mirror, turned = np.eye(4), draws.turned[i]
+    if views is None and rng.random() < 0.5:
+        mirror[0, 0] = -1.0
+        turned = np.roll(turned[::-1], 1)
+    seen = [
+        ViewCloud(
+            *(array[i, k].astype(float) @ mirror[:3, :3] for array in (draws.surface, draws.free, draws.eye))
+        )
+        for k in some
+    ]
+    return seen, mirror @ draws.T_world_object[i] @ mirror, turned
 
 
 _work: Callable[[int], dict[str, np.ndarray]]

@@ -13,11 +13,9 @@ from torch import Tensor
 from objgraph.errors import PriorError
 from objgraph.priors.first_guess import (
     PLACE,
-    QUARTERS,
     FirstGuess,
     FirstGuessConfig,
     gaussian,
-    seen_in_quarter,
 )
 from objgraph.priors.tensors import load_tensors, save_tensors
 from objgraph.training.guess_data import TURNS, Batch, Draws, batch
@@ -29,7 +27,7 @@ class TrainGuessConfig:
 
     network: FirstGuessConfig = field(default_factory=FirstGuessConfig)
     """Its size; the length of codes is the decoder's."""
-    scenes: int = 6000
+    scenes: int = 7000
     """Rendered scenes that it learns from, evenly of all training shapes."""
     steps: int = 8000
     """Optimiser steps; without any the prior has no first guess."""
@@ -47,19 +45,20 @@ class TrainGuessConfig:
     """Steps between checkpoints."""
 
 
+_AT_ONCE = 8
+
+
 def loss(
     network: FirstGuess, wanted: Batch, codes: Float[Tensor, "b l"], code_weight: float, rng: Generator
 ) -> Float[Tensor, ""]:
     """Negative log-likelihood of headings, and of place and code at one that is right."""
-    turned = [seen_in_quarter(wanted.points, wanted.size, k) for k in range(QUARTERS)]
-    points, size = (torch.stack(each, dim=1) for each in zip(*turned, strict=True))
-    logits = network.heading(points.flatten(0, 1), size.flatten(0, 1)).view(-1, QUARTERS)
+    logits = network.heading(wanted.points, wanted.size)[..., 0]
     heading = -(wanted.weight * logits.log_softmax(dim=1)).sum(dim=1).mean()
     each = torch.arange(len(codes))
     chances = wanted.weight.double().cumsum(dim=1).numpy()
-    quarter = torch.from_numpy((rng.random((len(codes), 1)) > chances / chances[:, -1:]).sum(axis=1))
-    mean, log_sigma = gaussian(network.place(points[each, quarter], size[each, quarter]))
-    off = (torch.cat([wanted.place[each, quarter], codes], dim=-1) - mean) * torch.exp(-log_sigma)
+    at = torch.from_numpy((rng.random((len(codes), 1)) > chances / chances[:, -1:]).sum(axis=1))
+    mean, log_sigma = gaussian(network.place(wanted.points[each, at], wanted.size[each, at]))
+    off = (torch.cat([wanted.place[each, at], codes], dim=-1) - mean) * torch.exp(-log_sigma)
     nll = 0.5 * off.square() + log_sigma
     weights = torch.ones(nll.shape[1])
     weights[PLACE:] = code_weight
@@ -94,19 +93,24 @@ def train_guess(
             * 0.5
             * (1 + np.cos(np.pi * step / config.steps))
         )
-        wanted = batch(draws, rng.integers(len(draws), size=config.batch).tolist(), unit, config.network, rng)
-        given = torch.from_numpy(codes[wanted.shape]).float()
-        with torch.autocast("cpu", dtype=torch.bfloat16, enabled=config.half_precision):
-            value = loss(network, wanted, given, config.code_weight, rng)
+        rows = rng.integers(len(draws), size=config.batch)
         optimizer.zero_grad(set_to_none=True)
-        value.backward()
+        value = 0.0
+        # a few at a time: what they take stays in the processor's cache
+        for some in np.array_split(rows, max(1, len(rows) // _AT_ONCE)):
+            wanted = batch(draws, some.tolist(), unit, config.network, rng)
+            given = torch.from_numpy(codes[wanted.shape]).float()
+            with torch.autocast("cpu", dtype=torch.bfloat16, enabled=config.half_precision):
+                part = loss(network, wanted, given, config.code_weight, rng) * (len(some) / len(rows))
+            part.backward()
+            value += part.item()
         for part in (network.heading, network.place):
             torch.nn.utils.clip_grad_norm_(part.parameters(), 10.0)
         optimizer.step()
         decay = min(0.998, (step + 1) / (step + 10))
         for name, tensor in network.state_dict().items():
             average[name].lerp_(tensor, 1 - decay)
-        mean_loss += (value.item() - mean_loss) / min(step - first + 1, 200)
+        mean_loss += (value - mean_loss) / min(step - first + 1, 200)
         if progress is not None:
             progress(step + 1, config.steps, mean_loss)
         if checkpoint is not None and (step + 1) % config.checkpoint_every == 0:
@@ -122,16 +126,16 @@ class GuessQuality:
     heading_right: float
     """Share whose likeliest heading is within 20 degrees of the true one, or where the object looks the same."""
     heading_nll: float
-    """Mean negative log-probability of the quarters that are right, nats."""
+    """Mean negative log-probability of what is right, nats."""
     centre_m: float
     """Median distance of the likeliest heading's centre from the true one, metres."""
     log_scale: float
     """Median, over objects, of the root mean square error of the scale's logarithm."""
     right: Bool[np.ndarray, "n"]
     """Whether each object's likeliest heading is."""
-    probability: Float[np.ndarray, "n 4"]
-    """Of each object's quarters."""
-    wanted: Float[np.ndarray, "n 4"]
+    probability: Float[np.ndarray, "n h"]
+    """Of each object's headings."""
+    wanted: Float[np.ndarray, "n h"]
     """What they should be: one, or shared by those that look the same."""
 
     def as_json(self) -> dict[str, float | int]:
@@ -149,29 +153,40 @@ def measure_guess(
     """Of objects with that many views."""
     rng = np.random.default_rng(seed)
     rows = [i for i in range(len(draws)) if draws.views[i] >= views]
-    wanted = batch(draws, rows, unit, network.config, rng, views)
-    guesses = network(wanted.points, wanted.size)
-    best = guesses.log_probability.argmax(dim=1)
-    each = torch.arange(len(best))
-    good = wanted.weight / wanted.weight.amax(dim=1, keepdim=True) > 0.5
-    off = (guesses.mean[..., :PLACE] - wanted.place)[each, best]
-    # within a quarter of another quarter's: headings go on over the border
-    headings = guesses.mean[each, best, 0] + best * torch.pi / 2
-    quarter = wanted.quarter
-    away = headings - wanted.place[each, quarter, 0] - quarter * torch.pi / 2
-    away = torch.remainder(away + torch.pi, 2 * torch.pi) - torch.pi
-    turn = (away * TURNS / (2 * torch.pi)).round().long() % TURNS
-    right = ((away.abs() < np.radians(limit_deg)) | wanted.alike[each, turn]).numpy()
-    mass = torch.where(good, guesses.log_probability.exp(), 0.0).sum(dim=1)
+    some = [rows[k : k + _AT_ONCE] for k in range(0, len(rows), _AT_ONCE)]
+    seen = [
+        _judged(network, batch(draws, part, unit, network.config, rng, views), limit_deg) for part in some
+    ]
+    right, mass, centre, log_scale, probability, wanted = map(np.concatenate, zip(*seen, strict=True))
     return GuessQuality(
         float(right.mean()),
-        float(-mass.clamp(min=1e-6).log().mean()),
-        float(off[:, 1:4].norm(dim=1).median()) * unit,
-        float(off[:, 4:7].square().mean(dim=1).sqrt().median()),
+        float(-np.log(mass.clip(1e-6)).mean()),
+        float(np.median(centre)) * unit,
+        float(np.median(log_scale)),
         right,
-        guesses.log_probability.exp().numpy(),
-        wanted.weight.numpy(),
+        probability,
+        wanted,
     )
+
+
+def _judged(network: FirstGuess, wanted: Batch, limit_deg: float) -> tuple[np.ndarray, ...]:
+    """Of each object: whether the likeliest heading is right, the probability of all that are, how far the centre and the scale are
+    off, all probabilities and what they should be."""
+    guesses = network(wanted.points, wanted.size)
+    # of each heading, once what is left of it is added: how far it is from the object's, and whether that can be seen
+    away = guesses.mean[..., 0] - wanted.off
+    away = torch.remainder(away + torch.pi, 2 * torch.pi) - torch.pi
+    turn = (away * TURNS / (2 * torch.pi)).round().long() % TURNS
+    right = (away.abs() < np.radians(limit_deg)) | wanted.alike.gather(1, turn)
+    best = guesses.log_probability.argmax(dim=1)
+    each = torch.arange(len(best))
+    off = (guesses.mean[..., :PLACE] - wanted.place)[each, best]
+    probability = guesses.log_probability.exp()
+    judged = (
+        right[each, best], torch.where(right, probability, 0.0).sum(dim=1), off[:, 1:4].norm(dim=1),
+        off[:, 4:7].square().mean(dim=1).sqrt(), probability, wanted.weight,
+    )  # fmt: skip
+    return tuple(each.numpy() for each in judged)
 
 
 def _save(path, config, step, network, optimizer, average) -> None:

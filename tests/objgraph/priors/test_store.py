@@ -20,6 +20,7 @@ from objgraph.cli.priors import describe
 from objgraph.errors import PriorError
 from objgraph.graph.builder import GraphConfig, ObjectBuilder
 from objgraph.priors.categories import ALIASES, LABELS, category_of
+from objgraph.priors.first_guess import FirstGuess, FirstGuessConfig
 from objgraph.priors.registry import WEIGHTS, available_priors, load_prior
 from objgraph.priors.shape_prior import ShapePrior
 from objgraph.priors.store import digest, save_prior
@@ -42,6 +43,20 @@ def rewrite(path: Path, change) -> None:
         header = json.loads(file.metadata()["json"])
     change(tensors, header)
     save_file(tensors, path, {"json": json.dumps({**header, "sha256": digest(tensors)})})
+
+
+def test_a_first_guess_of_an_older_kind_is_left_out_and_it_is_said(
+    prior: ShapePrior, tmp_path: Path, caplog
+) -> None:
+    path = tmp_path / "lamp.safetensors"
+    network = FirstGuess(FirstGuessConfig(code_length=3, heading_width=8, place_width=8, hidden=8))
+    save_prior(replace(prior, guess=network), path)
+    loaded = load_prior(path)
+    assert loaded.guess is not None
+    assert loaded.guess.config == network.config
+    rewrite(path, lambda tensors, header: header["guess"].pop("headings"))
+    assert load_prior(path).guess is None
+    assert "train-guess" in caplog.text
 
 
 def test_round_trip(prior: ShapePrior, tmp_path: Path) -> None:
