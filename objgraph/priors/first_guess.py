@@ -13,6 +13,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
+from factors import checks
 from objgraph.errors import PriorError
 from objgraph.observation.clouds import FEATURES
 from objgraph.observation.gravity_box import GravityBox
@@ -43,7 +44,11 @@ class FirstGuessConfig:
     """Of what either knows of all points."""
 
     def __post_init__(self) -> None:
-        """Raises PriorError where the headings are none of 4, 8 and 16."""
+        """Raises PriorError where a number is not one of its kind."""
+        some, wide = checks.Range(1), checks.Range(4)
+        checks.settings(
+            self, PriorError, code_length=some, surface=some, free=some, heading_width=wide, place_width=wide, hidden=some
+        )  # fmt: skip
         if self.headings not in (4, 8, 16):
             raise PriorError(f"a first guess looks at 4, 8 or 16 headings, not {self.headings!r}")
 

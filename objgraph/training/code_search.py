@@ -7,7 +7,9 @@ import numpy as np
 import torch
 from jaxtyping import Bool, Float, Int
 
+from factors import checks
 from factors.sdf_decoder import SdfDecoder
+from objgraph.errors import ConfigError
 from objgraph.priors.shape_prior import ShapePrior
 from objgraph.training.samples import SdfSamples
 
@@ -118,6 +120,13 @@ class SearchConfig:
     """Most iterations of those."""
     tolerance: float = 1e-4
     """Relative fall of the cost below which a start is done."""
+
+    def __post_init__(self) -> None:
+        """Raises ConfigError where a number is not one of its kind."""
+        some = checks.Range(1)
+        checks.settings(
+            self, ConfigError, first_points=some, first_iterations=some, kept=some, iterations=some
+        )
 
 
 def search(prior: ShapePrior, rows: CodeRows, config: SearchConfig | None = None, seed: int = 0) -> Found:

@@ -11,8 +11,9 @@ from pathlib import Path
 import numpy as np
 import trimesh
 
+from factors import checks
 from objgraph.atomic import write_file
-from objgraph.errors import PriorError
+from objgraph.errors import ConfigError, PriorError
 from objgraph.families import FAMILIES, draw
 from objgraph.processes import process_pool
 from objgraph.training.index import HELDOUT_SHARE, CadMesh, heldout_groups, read_index
@@ -54,6 +55,10 @@ class CorpusConfig:
     """One procedural mesh in this many is held out."""
     seed: int = 0
     """Seed of families, warps and samples."""
+
+    def __post_init__(self) -> None:
+        """Raises ConfigError where a number is not one of its kind."""
+        checks.settings(self, ConfigError, heldout_share=checks.SHARES, procedural_heldout=checks.Range(1))
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from objgraph.errors import PriorError
+from factors import checks
+from objgraph.errors import ConfigError, PriorError
 from objgraph.priors.registry import load_prior
 from objgraph.priors.shape_prior import ShapePrior
 from objgraph.priors.store import digest, save_prior
@@ -43,6 +44,12 @@ class GuessCommand:
     """Processes that draw scenes."""
     guess: TrainGuessConfig = field(default_factory=TrainGuessConfig)
     """How it is trained."""
+
+    def __post_init__(self) -> None:
+        """Raises ConfigError where a number is not one of its kind."""
+        checks.settings(
+            self, ConfigError, shapes=checks.Range(1), spread=checks.POSITIVE, jobs=checks.Range(1)
+        )
 
 
 def guess_command(command: GuessCommand) -> Path:

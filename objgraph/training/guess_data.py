@@ -157,8 +157,11 @@ def batch(
         weights.append(weight / weight.sum())
         places.append(place)
         alike.append(turned < _ALIKE)
-    arrays = (torch.from_numpy(np.array(each, np.float32)) for each in (points, sizes, weights, places, offs))
-    return Batch(*arrays, torch.from_numpy(np.array(alike)), draws.shape[list(rows)])
+    looked, edges, good, wanted, angles = (
+        torch.from_numpy(np.array(each, np.float32)) for each in (points, sizes, weights, places, offs)
+    )
+    same = torch.from_numpy(np.array(alike))
+    return Batch(looked, edges, good, wanted, angles, same, draws.shape[list(rows)])
 
 
 def _seen(

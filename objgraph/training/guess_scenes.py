@@ -11,8 +11,9 @@ import trimesh
 from jaxtyping import Float
 from numpy.random import Generator
 
+from factors import checks
 from factors.priors import scale_covariance
-from objgraph.errors import ObservationError
+from objgraph.errors import ConfigError, ObservationError
 from objgraph.geometry.frames import look_at, upright_axes
 from objgraph.observation.sampling import ObjectView, SamplingConfig, observe
 from objgraph.priors.shape_prior import ShapePrior
@@ -50,6 +51,10 @@ class SceneConfig:
     """Share of the objects that stand before a wall."""
     proportions: float = 0.05
     """Standard deviation of the logarithm of each edge about the shape's own proportions."""
+
+    def __post_init__(self) -> None:
+        """Raises ConfigError where a number is not one of its kind."""
+        checks.settings(self, ConfigError, wall=checks.SHARES)
 
 
 @dataclass(frozen=True)

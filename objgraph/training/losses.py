@@ -6,6 +6,9 @@ from jaxtyping import Float
 from torch import Tensor
 from torch.nn.functional import binary_cross_entropy_with_logits
 
+from factors import checks
+from objgraph.errors import ConfigError
+
 
 @dataclass(frozen=True)
 class LossConfig:
@@ -19,6 +22,10 @@ class LossConfig:
     """Weight of the cross-entropy of the sign: what is inside and what is not."""
     sign_scale: float = 0.01
     """Distance, canonical, at which a sign is as good as known."""
+
+    def __post_init__(self) -> None:
+        """Raises ConfigError where a number is not one of its kind."""
+        checks.settings(self, ConfigError, surface_scale=checks.POSITIVE, sign_scale=checks.POSITIVE)
 
 
 def sample_errors(

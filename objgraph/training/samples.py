@@ -12,8 +12,9 @@ from jaxtyping import Float
 from safetensors import SafetensorError
 from safetensors.numpy import load_file, save
 
+from factors import checks
 from objgraph.atomic import write_file
-from objgraph.errors import PriorError
+from objgraph.errors import ConfigError, PriorError
 from objgraph.training.solid import SHEET_HALF_THICKNESS, Solid, SolidDistance
 
 log = logging.getLogger(__name__)
@@ -41,6 +42,17 @@ class SampleConfig:
     legs. What is left is uniform in the cube."""
     half_extent: float = 0.6
     """Half the edge of the cube of uniform samples."""
+
+    def __post_init__(self) -> None:
+        """Raises ConfigError where a number is not one of its kind, or the shares are more than all."""
+        checks.settings(
+            self, ConfigError, count=checks.Range(10), near_sigma=checks.POSITIVE, far_sigma=checks.POSITIVE, near_share=checks.SHARES,
+            far_share=checks.SHARES, box_share=checks.SHARES, half_extent=checks.POSITIVE,
+        )  # fmt: skip
+        if (shares := self.near_share + self.far_share + self.box_share) > 1:
+            raise ConfigError(
+                f"SampleConfig: the shares near, far and in the box add up to {shares:g}, more than 1"
+            )
 
 
 @dataclass(frozen=True)

@@ -19,9 +19,10 @@ import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
+from factors import checks
 from factors.code_mixture import CodeMixture
 from factors.decoder import Decoder, DecoderConfig
-from objgraph.errors import PriorError
+from objgraph.errors import ConfigError, PriorError
 from objgraph.priors.tensors import load_tensors, save_tensors
 from objgraph.training.box_frame import BoxFrame
 from objgraph.training.checkpoint import AutoDecoder, pack, unpack
@@ -34,6 +35,8 @@ log = logging.getLogger(__name__)
 
 _REFIT = 100
 """Steps between fits of the mixture."""
+
+_SOME = checks.Range(1)
 
 
 @dataclass(frozen=True)
@@ -59,6 +62,21 @@ class OptimiserConfig:
     """First standard deviation of the codes."""
     average_decay: float = 0.999
     """Decay a step of the running average of the weights that is exported."""
+
+    def __post_init__(self) -> None:
+        """Raises ConfigError where a number is not one of its kind."""
+        checks.settings(
+            self,
+            ConfigError,
+            shapes_per_step=_SOME,
+            points_per_shape=_SOME,
+            candidates=_SOME,
+            learning_rate=checks.POSITIVE,
+            code_learning_rate=checks.POSITIVE,
+            cooldown=checks.SHARES,
+            code_sigma=checks.POSITIVE,
+            average_decay=checks.SHARES,
+        )
 
 
 @dataclass(frozen=True)
@@ -111,6 +129,12 @@ class TrainConfig:
     that have it, and slow on others."""
     checkpoint_seconds: float = 60.0
     """Time between checkpoints."""
+
+    def __post_init__(self) -> None:
+        """Raises ConfigError where a number is not one of its kind."""
+        checks.settings(
+            self, ConfigError, steps=_SOME, kinds=_SOME, threads=_SOME, jobs=_SOME, bf16=checks.SHARES
+        )
 
     def fingerprint(self) -> str:
         """A hash of what must not change between resumed runs."""

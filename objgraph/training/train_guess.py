@@ -10,7 +10,8 @@ from jaxtyping import Bool, Float
 from numpy.random import Generator
 from torch import Tensor
 
-from objgraph.errors import PriorError
+from factors import checks
+from objgraph.errors import ConfigError, PriorError
 from objgraph.priors.first_guess import (
     PLACE,
     FirstGuess,
@@ -43,6 +44,13 @@ class TrainGuessConfig:
     """Of weights, scenes and batches."""
     checkpoint_every: int = 500
     """Steps between checkpoints."""
+
+    def __post_init__(self) -> None:
+        """Raises ConfigError where a number is not one of its kind."""
+        some = checks.Range(1)
+        checks.settings(
+            self, ConfigError, scenes=some, batch=some, learning_rate=checks.POSITIVE, checkpoint_every=some
+        )
 
 
 _AT_ONCE = 8
