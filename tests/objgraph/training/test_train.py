@@ -179,7 +179,7 @@ def test_nan_stops_the_training_and_writes_nothing(config: TrainConfig) -> None:
 def test_bfloat16_learns_as_float32_does(config: TrainConfig) -> None:
     config = with_optimiser(replace(config, steps=100), points_per_shape=64)
     whole = train(replace(config, out=config.out / "whole"), BALLS)
-    half = train(replace(config, bf16=True), BALLS)
+    half = train(replace(config, bf16=1.0), BALLS)
     assert half.loss != whole.loss
     assert half.loss == pytest.approx(whole.loss, rel=0.05)
 
