@@ -111,7 +111,7 @@ def with_first_guess(
         cache / "training", jobs, lambda done, total: tell("drawing scenes", done, total),
     )  # fmt: skip
     guess = train_guess(
-        draws, codes, prior.size_mean, config, cache / "checkpoint",
+        draws, codes, prior.size_mean, config, cache / f"checkpoint-{_key(config)}",
         lambda step, steps, loss: tell(f"training the first guess, loss {loss:.3f}", step, steps),
     )  # fmt: skip
     card: dict[str, object] = {"settings": asdict(config), "shapes": len(drawn), "scenes": len(draws)}

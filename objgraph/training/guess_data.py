@@ -129,9 +129,9 @@ def batch(
     rng: Generator,
     views: int | None = None,
 ) -> Batch:
-    """Clouds of some draws, seen as a first guess sees them; of how many of their views is said.
+    """Clouds of some draws: of so many of their views as a first guess looks at them.
 
-    For training it is not: it is of one to three then, at any headings, and half of what is seen is seen in a mirror.
+    Without a number they are varied, for training: one to three views, any headings, and half of them seen in a mirror.
     """
     points, sizes, weights, places, offs, alike = [], [], [], [], [], []
     for i in rows:
@@ -146,10 +146,7 @@ def batch(
         weight = np.roll(np.exp(-((turned[::step] / _ALIKE) ** 2)), own)
         offs.append(place[:, 0].copy())
         # a quarter turn from its own heading its edges change places
-        sideways = [
-            (own + config.headings // 4) % config.headings,
-            (own - config.headings // 4) % config.headings,
-        ]
+        sideways = (own + config.headings // 4 * np.array([1, 3])) % config.headings
         place[sideways, 4:7] = place[sideways, 4:7][:, ::-1]
         place[:, 0] = place[own, 0]
         points.append(made.points)

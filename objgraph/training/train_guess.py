@@ -12,14 +12,12 @@ from torch import Tensor
 
 from factors import checks
 from objgraph.errors import ConfigError, PriorError
-from objgraph.priors.first_guess import (
-    PLACE,
-    FirstGuess,
-    FirstGuessConfig,
-    gaussian,
-)
+from objgraph.priors.first_guess import PLACE, FirstGuess, FirstGuessConfig, gaussian
 from objgraph.priors.tensors import load_tensors, save_tensors
 from objgraph.training.guess_data import TURNS, Batch, Draws, batch
+
+_AT_ONCE = 8
+"""Objects that are looked at together: what sixteen clouds of each take stays in the processor's cache."""
 
 
 @dataclass(frozen=True)
@@ -51,9 +49,6 @@ class TrainGuessConfig:
         checks.settings(
             self, ConfigError, scenes=some, batch=some, learning_rate=checks.POSITIVE, checkpoint_every=some
         )
-
-
-_AT_ONCE = 8
 
 
 def loss(
@@ -104,14 +99,13 @@ def train_guess(
         rows = rng.integers(len(draws), size=config.batch)
         optimizer.zero_grad(set_to_none=True)
         value = 0.0
-        # a few at a time: what they take stays in the processor's cache
         for some in np.array_split(rows, max(1, len(rows) // _AT_ONCE)):
             wanted = batch(draws, some.tolist(), unit, config.network, rng)
             given = torch.from_numpy(codes[wanted.shape]).float()
             with torch.autocast("cpu", dtype=torch.bfloat16, enabled=config.half_precision):
-                part = loss(network, wanted, given, config.code_weight, rng) * (len(some) / len(rows))
-            part.backward()
-            value += part.item()
+                share = loss(network, wanted, given, config.code_weight, rng) * (len(some) / len(rows))
+            share.backward()
+            value += share.item()
         for part in (network.heading, network.place):
             torch.nn.utils.clip_grad_norm_(part.parameters(), 10.0)
         optimizer.step()

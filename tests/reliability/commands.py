@@ -105,12 +105,7 @@ ARGUMENTS: dict[str, Callable[[Path, Path], list[str]]] = {
     "map": _map,
     "report": lambda given, out: ["report", str(out)],
     "segment": lambda given, out: ["segment", "--root", str(out), "--up", "0", "-1", "0"],
-    "calibrate": lambda given, out: [
-        "calibrate",
-        str(given / "rows"),
-        "--out",
-        str(out / "calibration.json"),
-    ],
+    "calibrate": lambda given, out: ["calibrate", str(given / "rows"), "--out", str(out / "known.json")],
     "sensor": lambda given, out: ["sensor", "--root", str(given / "scan"), "--out", str(out / "sensor.json")],
     "evaluate": _evaluate,
     "train": _train,

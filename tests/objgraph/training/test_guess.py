@@ -110,16 +110,8 @@ def test_what_is_seen_in_a_mirror_is_of_the_mirrored_object() -> None:
     p_world = p_object @ T[:3, :3].T + T[:3, 3]
     turned = np.arange(16.0)[None]
     one = Draws(
-        p_world,
-        p_world,
-        p_world[:, :, 0],
-        np.array([1]),
-        np.zeros(1),
-        T[None],
-        np.zeros((1, 3)),
-        turned,
-        np.zeros(1),
-    )
+        p_world, p_world, p_world[:, :, 0], np.array([1]), np.zeros(1), T[None], np.zeros((1, 3)), turned, np.zeros(1)
+    )  # fmt: skip
     found = set()
     for seed in range(8):
         (view,), T_seen, turned_seen = _seen(one, 0, np.random.default_rng(seed), None)
@@ -203,6 +195,9 @@ def test_a_prior_gets_a_guess_and_its_card_says_what_it_is_worth(tmp_path: Path)
     again = with_first_guess(toy_prior(), coded, unseen, config, tmp_path / "work")
     assert [path.stat().st_mtime_ns for path in kept] == before
     assert again.guess is not None
+    # of another length it begins anew
+    other = with_first_guess(toy_prior(), coded, [], replace(config, steps=10), tmp_path / "work")
+    assert other.card["first_guess"]["settings"]["steps"] == 10
     # other meshes are drawn anew
     fewer = with_first_guess(toy_prior(), coded, unseen[1:], config, tmp_path / "work")
     assert fewer.card["first_guess"]["heldout"]["1"]["objects"] < said["heldout"]["1"]["objects"]
