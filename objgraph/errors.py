@@ -55,6 +55,10 @@ class OutputError(ObjectGraphError):
     """A picture or a document cannot be written."""
 
 
+class ProcessError(ObjectGraphError):
+    """A process that was at a piece of the work died."""
+
+
 class ViewError(ObjectGraphError, ValueError):
     """The viewer's package is missing, it cannot be started, or a recording cannot be made or written."""
 
@@ -72,6 +76,7 @@ __all__ = [
     "ObjectGraphError",
     "ObservationError",
     "PriorError",
+    "ProcessError",
     "SegmentationError",
     "SolveError",
     "ViewError",

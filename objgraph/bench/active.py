@@ -13,9 +13,8 @@ degrees). Finished objects are not run again.
 
 import json
 from collections.abc import Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import asdict, dataclass
-from multiprocessing import get_context
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -47,7 +46,7 @@ from objgraph.observation.sampling import ObjectView, SamplingConfig, observe
 from objgraph.priors.mesh import extract_mesh
 from objgraph.priors.registry import load_prior
 from objgraph.priors.shape_prior import ShapePrior
-from objgraph.processes import begin_worker, threads_each
+from objgraph.processes import spread
 from objgraph.show.next_view import sphere_picture
 from objgraph.synthetic.camera import intrinsics
 
@@ -67,7 +66,7 @@ class Arguments:
     objects: int = 4
     """Half of them chairs, half tables; one is a chair."""
     jobs: int = 1
-    """Objects at the same time, which share torch's threads."""
+    """Objects at the same time."""
     seed: int = 0
     """Of objects, rooms and noise."""
     candidates: int = 100
@@ -231,6 +230,16 @@ def run(case: Case, arguments: Arguments, picture: Path | None) -> list[dict[str
     return rows + evenly(item, begun, arguments)
 
 
+def attempt(
+    case: Case, arguments: Arguments, picture: Path | None
+) -> list[dict[str, Any]] | ObjectGraphError:
+    """`run`, whose failure is its result."""
+    try:
+        return run(case, arguments, picture)
+    except ObjectGraphError as error:
+        return error
+
+
 def compared(rows: Sequence[Row], measure: str, ending: str) -> dict[str, Any]:
     """Views that the other policies need for the policy's mean error, by one measure."""
     needed = views_needed(rows, POLICIES[0], GOAL, POLICIES[1:], measure)
@@ -321,16 +330,14 @@ def main(arguments: Arguments) -> None:
     ][: arguments.objects]
     done = {r["object"] for r in kept["rows"]}
     missing = [case for case in cases if case.id not in done]
-    threads = threads_each(arguments.jobs)
-    with ProcessPoolExecutor(arguments.jobs, get_context("spawn"), begin_worker, (threads,)) as pool:
-        pictures = {cases[0].id: arguments.out / "information.png"}
-        running = {pool.submit(run, case, arguments, pictures.get(case.id)): case for case in missing}
-        for one in track(as_completed(running), "objects", total=len(running)):
-            try:
-                kept["rows"] += one.result()
-            except ObjectGraphError as error:
-                print(f"{running[one].id} is left out: {error}")
-            write_file(store, (json.dumps(kept) + "\n").encode())
+    pictures = {cases[0].id: arguments.out / "information.png"}
+    works = [partial(attempt, case, arguments, pictures.get(case.id)) for case in missing]
+    for place, rows in track(spread(works, arguments.jobs), "objects", total=len(works)):
+        if isinstance(rows, ObjectGraphError):
+            print(f"{missing[place].id} is left out: {rows}")
+            continue
+        kept["rows"] += rows
+        write_file(store, (json.dumps(kept) + "\n").encode())
     chosen = [r for r in kept["rows"] if r["object"] in {case.id for case in cases}]
     metrics = summary(chosen, arguments)
     write_file(arguments.out / "metrics.json", (json.dumps(metrics, indent=2) + "\n").encode())

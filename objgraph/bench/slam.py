@@ -11,9 +11,8 @@ or those that its depth images have among themselves, and only the odometry that
 
 import json
 from collections.abc import Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass, replace
-from multiprocessing import get_context
+from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
@@ -29,12 +28,12 @@ from objgraph.atomic import write_file
 from objgraph.bench.dense_reference import dense_reference
 from objgraph.datasets.registry import load_scan
 from objgraph.datasets.trajectory import Trajectory, absolute_trajectory_error, read_tum, write_tum
-from objgraph.errors import InitialisationError, ObservationError
+from objgraph.errors import InitialisationError, ObservationError, ProcessError
 from objgraph.graph.object_graph import ObjectGraph
 from objgraph.maps.pipeline import scene_floor
 from objgraph.observation.frames import Frame, FrameSource, Scan
 from objgraph.observation.sampling import SamplingConfig, observe, rigid_pose
-from objgraph.processes import begin_worker, threads_each
+from objgraph.processes import spread
 from objgraph.slam.odometry import OdometryNoise, dead_reckoning, drifting_motions
 
 FEW = SamplingConfig(
@@ -49,7 +48,7 @@ class Arguments:
     seeds: int = 1
     """Draws of the odometry's noise; those that `out` has already are not run again."""
     jobs: int = 1
-    """Draws at the same time, which share torch's threads."""
+    """Draws at the same time."""
     frames: int = 40
     """Of all laps."""
     laps: float = 2.0
@@ -205,18 +204,18 @@ def main(arguments: Arguments) -> None:
         print(means(rows))
         return
     true, facts = reference(arguments, scan)
-    threads = threads_each(arguments.jobs)
-    with ProcessPoolExecutor(arguments.jobs, get_context("spawn"), begin_worker, (threads,)) as pool:
-        running = {pool.submit(run, arguments, seed, true): seed for seed in missing}
-        for done in as_completed(running):
-            seed, (metrics, paths) = running[done], done.result()
-            rows[seed] = metrics
-            print(seed, metrics, flush=True)
-            for name, trajectory in paths.items():
-                write_tum(arguments.out / f"{name}_{seed}.txt", trajectory)
-            if seed == 0:
-                picture(paths, metrics, arguments.out / "trajectories.png")
-            write_metrics(arguments, rows, facts)
+    for place, done in spread([partial(run, arguments, seed, true) for seed in missing], arguments.jobs):
+        seed = missing[place]
+        if isinstance(done, ProcessError):
+            print(f"seed {seed} is left out: {done}")
+            continue
+        rows[seed], paths = done
+        print(seed, rows[seed], flush=True)
+        for name, trajectory in paths.items():
+            write_tum(arguments.out / f"{name}_{seed}.txt", trajectory)
+        if seed == 0:
+            picture(paths, rows[seed], arguments.out / "trajectories.png")
+        write_metrics(arguments, rows, facts)
     print(means(rows))
 
 

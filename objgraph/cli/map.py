@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
+import torch
 import tyro
 from jaxtyping import Float
 from rich.console import Console
@@ -31,6 +32,8 @@ from objgraph.show.tables import map_table
 log = logging.getLogger(__name__)
 
 STREET = "street"
+_MOST_JOBS = 4
+"""Unless more are asked for: each takes memory."""
 _DEFAULTS = MappingConfig()
 
 
@@ -81,18 +84,14 @@ class MapCommand:
     ] = None
     """Who estimates: the factor graph, the paper's gradient descent, or both; of both, the map takes the graph's and keeps
     the other beside it."""
-    renderer: Annotated[
-        Literal["full", "probabilistic", "sampled", "deterministic"] | None,
-        _option("{full,probabilistic,sampled,deterministic}", _DEFAULTS.graph.renderer),
-    ] = None
-    """The 2D factor's renderer: the full termination distribution, or a Gaussian depth, the paper's, NodeSLAM's or
-    DSP-SLAM's."""
     points: Annotated[int | None, _option("INT", _DEFAULTS.sampling.points)] = None
     """Surface points a view."""
     min_pixels: Annotated[int | None, _option("INT", _DEFAULTS.sampling.min_pixels)] = None
     """Mask pixels with depth below which a view says too little to be used."""
     pose_sigma: Annotated[tuple[float, float] | None, _option("FLOAT FLOAT")] = None
     """Radians and metres by which each camera's pose may be wrong; by default poses are taken as exact."""
+    jobs: Annotated[int | None, _option("INT", "the cores, at most 4")] = None
+    """Objects mapped at the same time, each in a process of its own; the map is the same."""
 
 
 _SOURCE = ("dataset", "root", "scene", "categories", "trajectory", "scan2cad", "shapenet", "topic")
@@ -103,7 +102,6 @@ _SETTINGS: dict[str, tuple[str, ...]] = {
     "priors": ("priors",),
     "calibration": ("calibration",),
     "estimator": ("estimator",),
-    "renderer": ("graph.renderer",),
     "points": ("sampling.points", "task.sampling.points"),
     "min_pixels": ("sampling.min_pixels",),
     "pose_sigma": ("graph.pose_sigma",),
@@ -115,12 +113,13 @@ def run_map(command: MapCommand, console: Console) -> ObjectMap:
     """Load, map, evaluate where there is ground truth, save, and show: a table, a picture and a page."""
     run = _run_of(command)
     settings = run.settings
+    jobs = min(torch.get_num_threads(), _MOST_JOBS) if command.jobs is None else command.jobs
     if isinstance(settings, LidarMappingConfig):
-        return _map_lidar(run.source, settings, command.out, console)
+        return _map_lidar(run.source, settings, command.out, jobs, console)
     scan, scene = load_scan_of(run.source)
     scan = _limited(scan, run.source.categories)
     with progress(console) as tell:
-        object_map = map_scan(scan, settings, tell)
+        object_map = map_scan(scan, settings, tell, jobs=jobs)
     _save(object_map, MapRun(replace(run.source, scene=scene), settings), command.out)
     errors = _evaluated(object_map, annotated(scan), command.out)
     _show(object_map, errors, scan, command.out, console)
@@ -140,11 +139,13 @@ def _run_of(command: MapCommand) -> MapRun:
     return read_run(command.config, {name: typed[name] for name in _SOURCE if name in typed}, options)
 
 
-def _map_lidar(source: Source, settings: LidarMappingConfig, out: Path, console: Console) -> ObjectMap:
+def _map_lidar(
+    source: Source, settings: LidarMappingConfig, out: Path, jobs: int, console: Console
+) -> ObjectMap:
     """One scan of a LiDAR."""
     frame = load_frame_of(source)
     with progress(console) as tell:
-        object_map = map_lidar(frame, settings, tell)
+        object_map = map_lidar(frame, settings, tell, jobs)
     _save(object_map, MapRun(replace(source, scene=frame.name), settings), out)
     console.print(map_table(object_map))
     street_picture(object_map, frame, out / "map.png")

@@ -1,6 +1,7 @@
 """From an estimate to an object of the map: its mesh, what is known of it, and where it is from."""
 
-from collections.abc import Sequence
+import logging
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -10,7 +11,7 @@ from factors.state import ObjectState
 from objgraph.covariance.box import box_pose
 from objgraph.covariance.heading_modes import HeadingModes
 from objgraph.covariance.surface import surface_sigma
-from objgraph.errors import SolveError
+from objgraph.errors import ObjectGraphError, SolveError
 from objgraph.estimate.task import Estimate, EstimationTask
 from objgraph.maps.mapped_object import MappedObject, PriorReference
 from objgraph.observation.frames import Instance
@@ -19,6 +20,8 @@ from objgraph.priors.mesh import extract_mesh
 from objgraph.priors.shape_prior import ShapePrior
 from objgraph.trust.calibration import Calibration
 from objgraph.trust.evidence import evidence_of
+
+log = logging.getLogger(__name__)
 
 
 def map_entry(
@@ -63,6 +66,16 @@ def map_entry(
         faces=np.asarray(mesh.faces),
         vertex_sigma=surface_sigma(prior.decoder, state, covariance.times(prior.surface_misfit), vertices),
         joint_covariance=covariance.matrix,
+    )
+
+
+def failed_entry(
+    instance: Instance, error: ObjectGraphError, seconds: Mapping[str, float] | None = None
+) -> MappedObject:
+    """An object that could not be mapped, and why; it is logged, too."""
+    log.warning("%s %d could not be mapped: %s", instance.category, instance.id, error)
+    return MappedObject(
+        instance.id, instance.category, "failed", str(error), seconds_by_stage=dict(seconds or {})
     )
 
 

@@ -1,6 +1,5 @@
 """One scan and its detections in, a map of its objects out."""
 
-import logging
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
@@ -8,13 +7,13 @@ from functools import partial
 from pathlib import Path
 
 from factors import checks
-from objgraph.errors import ConfigError, ObjectGraphError, ObservationError, SolveError
+from objgraph.errors import ConfigError, ObjectGraphError, ObservationError, ProcessError, SolveError
 from objgraph.estimate.graph import GraphEstimator
 from objgraph.estimate.heading_modes import HeadingModesConfig
-from objgraph.estimate.task import Estimate, EstimationTask
+from objgraph.estimate.task import EstimationTask
 from objgraph.graph.builder import GraphConfig
 from objgraph.graph.solve import SolverConfig
-from objgraph.maps.entry import map_entry
+from objgraph.maps.entry import failed_entry, map_entry
 from objgraph.maps.lidar_task import ROADS, LidarTaskConfig, task_of
 from objgraph.maps.mapped_object import MappedObject
 from objgraph.maps.object_map import ObjectMap
@@ -22,9 +21,9 @@ from objgraph.observation.frames import Instance
 from objgraph.observation.lidar.frame import Detection, LidarFrame
 from objgraph.priors.mesh import RESOLUTIONS
 from objgraph.priors.registry import prior_for
+from objgraph.priors.shape_prior import ShapePrior
 from objgraph.priors.store import load_prior_file
-
-log = logging.getLogger(__name__)
+from objgraph.processes import spread
 
 
 @dataclass(frozen=True)
@@ -52,53 +51,57 @@ def map_lidar(
     frame: LidarFrame,
     config: LidarMappingConfig | None = None,
     progress: Callable[[str, int, int], None] | None = None,
+    jobs: int = 1,
 ) -> ObjectMap:
-    """Estimate every detected object; all decode together, and one that fails says why and stops no other.
+    """Estimate every detected object, `jobs` at the same time as `map_scan` does; one that fails says why and stops no
+    other.
 
     Raises:
         ObservationError: `frame` is no scan.
         PriorError: one of the files of `config.priors` is no prior.
+        ConfigError: `jobs` is not positive.
     """
     config = checks.settings_or_default(config, LidarMappingConfig, ConfigError)
     checks.instance("frame", frame, LidarFrame, ObservationError)
+    jobs = checks.whole("jobs", jobs, checks.Range(1), ConfigError)
     tell = progress or (lambda what, done, total: None)
     given = [load_prior_file(Path(path)) for path in config.priors]
     find_prior = partial(prior_for, given=given)
-    begun = time.perf_counter()
-    tasks: dict[int, EstimationTask] = {}
-    entries: dict[int, MappedObject] = {}
-    for detection in frame.detections:
-        try:
-            prior = find_prior(detection.category)
-            tasks[detection.id] = task_of(frame, detection, prior, config.task, config.seed)
-        except ObjectGraphError as error:
-            entries[detection.id] = _failed(detection, error)
-    estimator = GraphEstimator(config.graph, config.solver, config.heading_modes)
-    results = estimator.estimate(list(tasks.values()), lambda done, total: tell("solving", done, total))
-    for done, ((number, task), result) in enumerate(zip(tasks.items(), results, strict=True), 1):
-        entries[number] = _entry(frame.detection(number), task, result, config)
-        tell(f"{entries[number].status} {entries[number].category} {number}", done, len(tasks))
-    share = (time.perf_counter() - begun) / max(len(tasks), 1)  # they are solved together
-    objects = tuple(
-        replace(entries[each.id], seconds=share) if entries[each.id].status == "mapped" else entries[each.id]
-        for each in frame.detections
-    )
-    return ObjectMap(frame.name, objects, frame.up_world)
+    count, entries = len(frame.detections), {}
+    works = (_work(frame, detection, config, find_prior) for detection in frame.detections)
+    for place, entry in spread(works, min(jobs, max(count, 1))):
+        instance = _instance(frame.detections[place])
+        entry = failed_entry(instance, entry) if isinstance(entry, ProcessError) else entry
+        entries[place] = entry
+        tell(f"{entry.status} {instance.category} {instance.id}", len(entries), count)
+    return ObjectMap(frame.name, tuple(entries[place] for place in range(count)), frame.up_world)
 
 
-def _entry(
-    detection: Detection, task: EstimationTask, result: Estimate | SolveError, config: LidarMappingConfig
-) -> MappedObject:
+def _work(
+    frame: LidarFrame,
+    detection: Detection,
+    config: LidarMappingConfig,
+    find_prior: Callable[[str], ShapePrior],
+) -> Callable[[], MappedObject]:
+    """What is left to be done for an object once its points are found; a failure is in the result, not raised."""
     try:
+        task = task_of(frame, detection, find_prior(detection.category), config.task, config.seed)
+    except ObjectGraphError as error:
+        return partial(failed_entry, _instance(detection), error)
+    return partial(_mapped, _instance(detection), task, config)
+
+
+def _mapped(instance: Instance, task: EstimationTask, config: LidarMappingConfig) -> MappedObject:
+    begun = time.perf_counter()
+    try:
+        (result,) = GraphEstimator(config.graph, config.solver, config.heading_modes).estimate([task])
         if isinstance(result, SolveError):
             raise result
-        instance = Instance(detection.id, detection.category)
         entry = map_entry(instance, task.prior, result, task.views, config.mesh_resolution)
-        return replace(entry, estimator="graph")
     except ObjectGraphError as error:
-        return _failed(detection, error)
+        return failed_entry(instance, error)
+    return replace(entry, estimator="graph", seconds=time.perf_counter() - begun)
 
 
-def _failed(detection: Detection, error: ObjectGraphError) -> MappedObject:
-    log.warning("%s could not be mapped: %s", detection.name, error)
-    return MappedObject(detection.id, detection.category, "failed", str(error))
+def _instance(detection: Detection) -> Instance:
+    return Instance(detection.id, detection.category)

@@ -2,7 +2,7 @@
 
 import logging
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -13,7 +13,14 @@ import numpy as np
 from jaxtyping import Float
 
 from factors import checks
-from objgraph.errors import ConfigError, InitialisationError, ObjectGraphError, ObservationError, SolveError
+from objgraph.errors import (
+    ConfigError,
+    InitialisationError,
+    ObjectGraphError,
+    ObservationError,
+    ProcessError,
+    SolveError,
+)
 from objgraph.estimate import AdamConfig, AdamEstimator
 from objgraph.estimate.graph import GraphEstimator
 from objgraph.estimate.heading_modes import HeadingModesConfig
@@ -22,7 +29,7 @@ from objgraph.geometry.frames import transformed
 from objgraph.graph.builder import GraphConfig, ObjectBuilder
 from objgraph.graph.initialise import InitialisationConfig, first_states
 from objgraph.graph.solve import Problem, SolverConfig
-from objgraph.maps.entry import map_entry, with_trust
+from objgraph.maps.entry import failed_entry, map_entry, with_trust
 from objgraph.maps.mapped_object import MappedObject
 from objgraph.maps.object_map import ObjectMap
 from objgraph.maps.other_estimate import OtherEstimate
@@ -34,6 +41,7 @@ from objgraph.priors.mesh import RESOLUTIONS
 from objgraph.priors.registry import prior_for
 from objgraph.priors.shape_prior import ShapePrior
 from objgraph.priors.store import load_prior_file
+from objgraph.processes import spread
 from objgraph.trust.calibration import Calibration, load_calibration, shipped_calibration
 
 log = logging.getLogger(__name__)
@@ -94,18 +102,24 @@ def map_scan(
     config: MappingConfig | None = None,
     progress: Progress | None = None,
     watch: Callable[[Problem], None] | None = None,
+    jobs: int = 1,
 ) -> ObjectMap:
     """Map every object that the scan's masks name; an object that fails says why and stops no other.
 
     The ground truth of the scan, if it has any, is not read. `watch` is called after each accepted step of the graph's
-    solver, with the problem of the object as it then is.
+    solver, with the problem of the object as it then is. `jobs` objects are mapped at the same time, each in a process
+    with one thread (so a script keeps its own work under `if __name__ == "__main__"`); the map does not depend on it.
 
     Raises:
         ObservationError: the scan has no frame, or one that is none.
         PriorError: one of the files of `config.priors` is no prior.
         CovarianceError: `config.calibration` is no calibration.
+        ConfigError: `jobs` is not positive, or one cannot `watch` so many.
     """
     config = checks.settings_or_default(config, MappingConfig, ConfigError)
+    jobs = checks.whole("jobs", jobs, checks.Range(1), ConfigError)
+    if watch is not None and jobs > 1:
+        raise ConfigError("a watched map is made in one process: jobs=1")
     checks.instance("scan", scan, Scan, ObservationError)
     if not len(scan.frames):
         raise ObservationError(f"scan {scan.name} has no frame; give it some")
@@ -115,39 +129,57 @@ def map_scan(
     tell = progress or (lambda what, done, total: None)
     index = summarize(scan.frames, config.view, lambda done, total: tell("reading frames", done, total))
     floor = scene_floor(scan)
-    entries = []
-    for i, instance in enumerate(scan.instances):
-        tell(f"mapping {instance.category} {instance.id}", i, len(scan.instances))
-        entries.append(map_instance(scan, instance, index, floor, config, find_prior, watch))
-        tell(f"{entries[-1].status} {instance.category} {instance.id}", i + 1, len(scan.instances))
-    tell("mapped", len(scan.instances), len(scan.instances))
-    return ObjectMap(scan.name, tuple(entries), scan.up_world)
+    count, entries = len(scan.instances), {}
+
+    def works() -> Iterator[Callable[[], MappedObject]]:
+        for instance in scan.instances:
+            tell(f"mapping {instance.category} {instance.id}", len(entries), count)
+            yield _work(scan, instance, index, floor, config, find_prior, watch)
+
+    for place, entry in spread(works(), min(jobs, max(count, 1))):
+        instance = scan.instances[place]
+        entry = failed_entry(instance, entry) if isinstance(entry, ProcessError) else entry
+        entries[place] = entry
+        tell(f"{entry.status} {instance.category} {instance.id}", len(entries), count)
+    tell("mapped", count, count)
+    return ObjectMap(scan.name, tuple(entries[place] for place in range(count)), scan.up_world)
 
 
-def map_instance(
+def _work(
     scan: Scan,
     instance: Instance,
     index: ViewIndex,
     floor: float | None,
     config: MappingConfig,
-    find_prior: Callable[[str], ShapePrior] = prior_for,
-    watch: Callable[[Problem], None] | None = None,
-) -> MappedObject:
-    """Map one object of a scan; a failure is in the result, not raised.
-
-    `find_prior` gives the prior of a category; by default its own, or the labelled fallback.
-    """
+    find_prior: Callable[[str], ShapePrior],
+    watch: Callable[[Problem], None] | None,
+) -> Callable[[], MappedObject]:
+    """What is left to be done for an object once it has been observed; a failure is in the result, not raised."""
     clock = _Clock()
     try:
         prior = find_prior(instance.category)
         with clock.stage("observe"):
             views = observe_instance(scan.frames, instance, index, config)
-        return map_object(instance, prior, views, scan.up_world, floor, config, clock, watch)
     except ObjectGraphError as error:
-        log.warning("%s %d could not be mapped: %s", instance.category, instance.id, error)
-        return MappedObject(
-            instance.id, instance.category, "failed", str(error), seconds_by_stage=clock.seconds
-        )
+        return partial(failed_entry, instance, error, clock.seconds)
+    return partial(_mapped, instance, prior, views, scan.up_world, floor, config, clock, watch)
+
+
+def _mapped(
+    instance: Instance,
+    prior: ShapePrior,
+    views: Sequence[ObjectView],
+    up_world: Float[np.ndarray, "3"],
+    floor: float | None,
+    config: MappingConfig,
+    clock: _Clock,
+    watch: Callable[[Problem], None] | None,
+) -> MappedObject:
+    """`map_object`, whose failure is in the result."""
+    try:
+        return map_object(instance, prior, views, up_world, floor, config, clock, watch)
+    except ObjectGraphError as error:
+        return failed_entry(instance, error, clock.seconds)
 
 
 def map_object(

@@ -2,10 +2,8 @@
 
 import logging
 from collections.abc import Callable, Iterator
-from concurrent.futures import ProcessPoolExecutor, as_completed
-from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, field, replace
-from multiprocessing import get_context
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
@@ -15,7 +13,7 @@ from jaxtyping import Bool, Float
 from objgraph.errors import ObjectGraphError
 from objgraph.priors.mesh import mesh_of_grid, sdf_grid
 from objgraph.priors.shape_prior import ShapePrior
-from objgraph.processes import begin_worker
+from objgraph.processes import spread
 from objgraph.training.code_search import SearchConfig, sample_rows, search
 from objgraph.training.mesh_folder import ChosenMeshes
 from objgraph.training.partial import PartialConfig, fit_view
@@ -167,18 +165,12 @@ def _rows(
     prior: ShapePrior, meshes: ChosenMeshes, config: PriorEvaluationConfig, jobs: int
 ) -> Iterator[ShapeRow]:
     """The rows, in the order in which they are done."""
-    tasks = [(prior, path, name, config) for path, name in zip(meshes.paths, meshes.names, strict=True)]
-    if jobs == 1:
-        for task in tasks:
-            yield evaluate_mesh(*task)
-        return
-    with ProcessPoolExecutor(jobs, get_context("spawn"), begin_worker) as pool:
-        futures = {pool.submit(evaluate_mesh, *task): task[2] for task in tasks}
-        for future in as_completed(futures):
-            try:
-                yield future.result()
-            except BrokenProcessPool as error:
-                yield ShapeRow(futures[future], error=_words(error))
+    works = [
+        partial(evaluate_mesh, prior, path, name, config)
+        for path, name in zip(meshes.paths, meshes.names, strict=True)
+    ]
+    for place, row in spread(works, jobs):
+        yield row if isinstance(row, ShapeRow) else ShapeRow(meshes.names[place], error=_words(row))
 
 
 def _words(error: Exception) -> str:

@@ -8,8 +8,7 @@ import hashlib
 import json
 import logging
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Literal
@@ -24,6 +23,7 @@ from factors.code_mixture import CodeMixture
 from factors.decoder import Decoder, DecoderConfig
 from objgraph.errors import ConfigError, PriorError
 from objgraph.priors.tensors import load_tensors, save_tensors
+from objgraph.processes import threads
 from objgraph.training.box_frame import BoxFrame
 from objgraph.training.checkpoint import AutoDecoder, pack, unpack
 from objgraph.training.corpus import Corpus, CorpusConfig
@@ -183,17 +183,6 @@ def checkpoint_path(config: TrainConfig) -> Path:
     return config.out / f"{config.category}.checkpoint"
 
 
-@contextmanager
-def _threads(count: int) -> Iterator[None]:
-    """So many CPU threads for a while."""
-    before = torch.get_num_threads()
-    torch.set_num_threads(count)
-    try:
-        yield
-    finally:
-        torch.set_num_threads(before)
-
-
 def train(config: TrainConfig, corpus: Corpus, progress: Progress | None = None) -> Trained:
     """Train, or resume, until `config.steps`; a killed run resumes at its checkpoint with the same result.
 
@@ -202,7 +191,7 @@ def train(config: TrainConfig, corpus: Corpus, progress: Progress | None = None)
     """
     if not corpus.training:
         raise PriorError(f"there is no {config.category} to train on: every mesh was left out or held out")
-    with _threads(config.threads):
+    with threads(config.threads):
         return _train(config, corpus, progress)
 
 

@@ -1,14 +1,16 @@
 """Pools whose processes' death is told, and which do not wait for what nobody wants any more."""
 
+import logging
 import os
 import time
+from functools import partial
 from multiprocessing import active_children
 
 import pytest
 import torch
 
-from objgraph.errors import PriorError
-from objgraph.processes import process_pool, threads_each
+from objgraph.errors import PriorError, ProcessError
+from objgraph.processes import process_pool, spread
 
 
 def _work(what: str) -> str:
@@ -16,7 +18,14 @@ def _work(what: str) -> str:
         os._exit(3)
     if what == "wait":
         time.sleep(600)
+    if what == "fail":
+        raise ValueError("mistake")
     return what
+
+
+def _tell(i: int) -> tuple[int, int]:
+    logging.getLogger("objgraph.told").info("piece %d", i)
+    return 10 * i, torch.get_num_threads()
 
 
 @pytest.mark.parametrize("start", ["spawn", "fork"])
@@ -41,7 +50,35 @@ def test_a_mistake_does_not_wait_for_what_is_in_progress():
     assert not active_children()
 
 
-@pytest.mark.parametrize(("threads", "jobs", "each"), [(8, 1, 8), (8, 3, 2), (1, 1, 1), (1, 4, 1)])
-def test_processes_share_the_threads_that_torch_was_given(monkeypatch, threads, jobs, each):
-    monkeypatch.setattr(torch, "get_num_threads", lambda: threads)
-    assert threads_each(jobs) == each
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_work_is_the_same_in_however_many_processes(jobs, caplog):
+    before = torch.get_num_threads()
+    with caplog.at_level(logging.INFO, "objgraph"):
+        found = dict(spread((partial(_tell, i) for i in range(5)), jobs))
+    assert found == {i: (10 * i, 1) for i in range(5)}  # one thread each
+    assert torch.get_num_threads() == before
+    assert {r.getMessage() for r in caplog.records if r.name == "objgraph.told"} == {
+        f"piece {i}" for i in range(5)
+    }
+    assert not active_children()
+
+
+def test_a_process_that_dies_costs_its_piece_alone():
+    found = dict(spread([partial(_work, what) for what in ["a", "die", "b", "die", "c"]], jobs=2))
+    assert {place: what for place, what in found.items() if isinstance(what, str)} == {0: "a", 2: "b", 4: "c"}
+    assert all(isinstance(found[place], ProcessError) for place in (1, 3))
+    assert len(found) == 5
+
+
+def test_an_error_in_a_process_is_raised_here_and_ends_the_others():
+    works = [partial(_work, "wait"), partial(_work, "fail")]
+    with pytest.raises(ValueError, match="mistake"):
+        dict(spread(works, jobs=2))
+    assert not active_children()
+
+
+def test_work_that_nobody_wants_any_more_is_left():
+    found = spread([partial(_work, "a"), partial(_work, "wait")], jobs=2)
+    assert next(found) == (0, "a")
+    found.close()
+    assert not active_children()

@@ -9,6 +9,7 @@ import pytest
 
 from objgraph.cli.main import main
 from objgraph.datasets.kitti import load_frame, load_labels
+from objgraph.errors import ConfigError
 from objgraph.estimate.graph import GraphEstimator
 from objgraph.estimate.task import Estimate
 from objgraph.geometry.boxes import OrientedBox, box_iou
@@ -43,6 +44,14 @@ def test_every_detection_has_a_result_or_a_reason(frame, mapped):
     assert failed.status == "failed"
     assert "not ahead of the LiDAR" in str(failed.reason)
     assert len(mapped.mapped) == len(frame.detections)
+
+
+def test_two_processes_make_the_same_map(frame, mapped):
+    again = map_lidar(frame, jobs=2)
+    for ours, theirs in zip(mapped.objects, again.objects, strict=False):
+        np.testing.assert_array_equal(ours.joint_covariance, theirs.joint_covariance)
+    with pytest.raises(ConfigError, match="jobs"):
+        map_lidar(frame, jobs=0)
 
 
 def test_estimates_are_near_the_truth(street, frame, mapped):

@@ -14,7 +14,7 @@ from trimesh.sample import sample_surface
 from factors.state import ObjectState
 from objgraph.bench.metrics.maps import ERROR_KEYS, evaluate_map
 from objgraph.datasets.ground_truth import AnnotatedScan, GroundTruth
-from objgraph.errors import EvaluationError, InitialisationError, ObservationError
+from objgraph.errors import ConfigError, EvaluationError, InitialisationError, ObservationError, ProcessError
 from objgraph.graph.initialise import InitialisationConfig
 from objgraph.graph.solve import SolverConfig
 from objgraph.maps import pipeline as mapping
@@ -162,6 +162,42 @@ def test_progress_is_told(toy_map, told):
         ("failed grand piano 5", 5, 5),
     ]
     assert told[-1] == ("mapped", 5, 5)
+
+
+def test_the_map_is_the_same_however_many_processes_make_it(toy_map, monkeypatch, caplog):
+    monkeypatch.setattr(mapping, "prior_for", toy_priors)
+    told = []
+    again = map_scan(toy_scan(), CONFIG, lambda *step: told.append(step), jobs=2)
+    assert told[-1] == ("mapped", 5, 5)
+    assert "chair 6 could not be mapped" in caplog.text
+    for ours, theirs in zip(toy_map.objects, again.objects, strict=True):
+        assert (ours.id, ours.status, ours.reason) == (theirs.id, theirs.status, theirs.reason)
+        for name in ("T_world_object", "code", "joint_covariance", "vertices"):
+            np.testing.assert_array_equal(getattr(ours, name), getattr(theirs, name))
+
+
+def test_an_object_whose_process_dies_says_so_and_stops_no_other(monkeypatch):
+    monkeypatch.setattr(mapping, "prior_for", toy_priors)
+    monkeypatch.setattr(
+        mapping, "spread", lambda works, jobs: ((i, died(i, work)) for i, work in enumerate(works))
+    )
+
+    def died(i, work):
+        return ProcessError("its process died") if i == 0 else work()
+
+    found = map_scan(toy_scan(), CONFIG)
+    assert (found.objects[0].id, found.objects[0].status, found.objects[0].reason) == (
+        1,
+        "failed",
+        "its process died",
+    )
+    assert [item.id for item in found.mapped] == [2]
+
+
+@pytest.mark.parametrize("more", [{"jobs": 0}, {"jobs": 1.5}, {"jobs": 2, "watch": print}])
+def test_processes_are_some_and_cannot_be_watched(more):
+    with pytest.raises(ConfigError, match="jobs"):
+        map_scan(toy_scan(), CONFIG, **more)
 
 
 def test_a_map_is_saved_and_read_again(toy_map, tmp_path):
