@@ -1,17 +1,11 @@
 """Runs what is not done yet, in this process or in several, and hands over rows as they come."""
 
-import logging
 from collections.abc import Generator, Iterator, Sequence
-from concurrent.futures import Future, ProcessPoolExecutor, as_completed
-from concurrent.futures.process import BrokenProcessPool
-from contextlib import suppress
-from multiprocessing import active_children, get_context
+from functools import partial
 from typing import Protocol, TypeVar
 
-import torch
-
-from objgraph.errors import EvaluationError
-from objgraph.processes import begin_worker
+from objgraph.errors import EvaluationError, ProcessError
+from objgraph.processes import spread, threads
 
 Row = TypeVar("Row")
 Made = TypeVar("Made", covariant=True)
@@ -36,52 +30,24 @@ def run(jobs: Sequence[Job[Row]], processes: int = 1) -> Generator[Row, None, No
     Each process uses one thread. Stopped (by Ctrl-C, or by closing this) it does not wait for what is in progress.
 
     Raises:
-        EvaluationError: a process died; the rows of the jobs that were done by then have been handed over.
+        EvaluationError: the process of some job died; the rows of all other jobs have been handed over.
     """
-    if processes > 1 and len(jobs) > 1:
-        yield from _in_processes(jobs, min(processes, len(jobs)))
-        return
-    threads = torch.get_num_threads()
-    torch.set_num_threads(1)  # so that the numbers do not depend on how many processes there are
-    try:
+    if processes == 1 or len(jobs) < 2:
         for job in jobs:
-            yield from job.rows()
-    finally:
-        torch.set_num_threads(threads)
-
-
-def _in_processes(jobs: Sequence[Job[Row]], count: int) -> Iterator[Row]:
-    others = set(active_children())
-    pool = ProcessPoolExecutor(count, get_context("spawn"), _begin)
-    left = {job.name: None for job in jobs}  # in the order in which the pool takes them
-    futures: dict[Future[list[Row]], str] = {}
-    try:
-        with suppress(BrokenProcessPool):  # told below, after the rows of what is done
-            for job in jobs:
-                futures[pool.submit(_rows, job)] = job.name
-        for future in as_completed(futures):
-            if not isinstance(future.exception(), BrokenProcessPool):
-                yield from future.result()
-                del left[futures[future]]
-        if left:
-            raise _died([*left][:count])
-    finally:
-        if left:
-            for worker in set(active_children()) - others:
-                worker.terminate()
-        pool.shutdown(cancel_futures=True)
-
-
-def _died(cases: Sequence[str]) -> EvaluationError:
-    return EvaluationError(
-        f"a process that was at {' or '.join(cases)} died, perhaps for want of memory: the same command goes on from "
-        "here, with fewer --jobs it needs less"
-    )
-
-
-def _begin() -> None:
-    logging.getLogger().setLevel(logging.ERROR)  # what matters is in the rows
-    begin_worker()
+            with threads(1):
+                yield from job.rows()
+        return
+    died = []
+    for place, rows in spread([partial(_rows, job) for job in jobs], min(processes, len(jobs))):
+        if isinstance(rows, ProcessError):
+            died.append(jobs[place].name)
+        else:
+            yield from rows
+    if died:
+        raise EvaluationError(
+            f"a process that was at {' and one at '.join(died)} died, perhaps for want of memory: the same command goes on "
+            "from here, with fewer --jobs it needs less"
+        )
 
 
 def _rows(job: Job[Row]) -> list[Row]:
