@@ -1,6 +1,6 @@
 """Rendered views of a prior's shapes, drawn by several processes and kept: what a first guess is trained on."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
@@ -121,26 +121,67 @@ def draw_all(
     return Draws(**{key: np.concatenate([part[key] for part in parts]) for key in parts[0]})
 
 
+@dataclass(frozen=True)
+class Look:
+    """One draw as it is looked at."""
+
+    seen: list[ViewCloud]
+    T_world_object: Float[np.ndarray, "4 4"]
+    turned: Float[np.ndarray, "16"]
+    """Mean distance of the shape from itself turned by sixteenths, in its diagonals."""
+    start: float
+    """The first of the headings that the network looks at, radians."""
+
+
+def first_views(count: int) -> Callable[[Draws, int], Look]:
+    """Draws by their first so many views, at the headings that a first guess looks at."""
+
+    def look(draws: Draws, i: int) -> Look:
+        seen = _clouds(draws, i, range(min(int(draws.views[i]), count)), np.eye(4))
+        start = smallest_heading(np.concatenate([view.surface for view in seen]), UP)
+        return Look(seen, draws.T_world_object[i], draws.turned[i], start)
+
+    return look
+
+
+def varied(rng: Generator) -> Callable[[Draws, int], Look]:
+    """Draws for training: by one to three views, at any headings, and half of them in a mirror."""
+
+    def look(draws: Draws, i: int) -> Look:
+        there = int(draws.views[i])
+        count = min(there, int(rng.integers(1, VIEWS + 1)))
+        some = rng.permutation(there)[:count]
+        mirror, turned = np.eye(4), draws.turned[i]
+        if rng.random() < 0.5:
+            mirror[0, 0] = -1.0
+            turned = np.roll(turned[::-1], 1)
+        seen = _clouds(draws, i, some, mirror)
+        return Look(seen, mirror @ draws.T_world_object[i] @ mirror, turned, rng.uniform(0, 2 * np.pi))
+
+    return look
+
+
+def _clouds(draws: Draws, i: int, views: Iterable[int], mirror: Float[np.ndarray, "4 4"]) -> list[ViewCloud]:
+    arrays = draws.surface, draws.free, draws.eye
+    return [ViewCloud(*(array[i, k].astype(float) @ mirror[:3, :3] for array in arrays)) for k in views]
+
+
 def batch(
     draws: Draws,
     rows: Sequence[int],
     unit: float,
     config: FirstGuessConfig,
     rng: Generator,
-    views: int | None = None,
+    look: Callable[[Draws, int], Look],
 ) -> Batch:
-    """Clouds of some draws: of so many of their views as a first guess looks at them.
-
-    Without a number they are varied, for training: one to three views, any headings, and half of them seen in a mirror.
-    """
+    """Clouds of some draws, looked at one way or another; `rng` chooses their points."""
     points, sizes, weights, places, offs, alike = [], [], [], [], [], []
     for i in rows:
-        seen, T_world_object, turned = _seen(draws, i, rng, views)
-        p_world = np.concatenate([view.surface for view in seen])
-        start = rng.uniform(0, 2 * np.pi) if views is None else smallest_heading(p_world, UP)
+        one = look(draws, i)
+        turned = one.turned
         floor = None if np.isnan(draws.floor[i]) else float(draws.floor[i])
-        made = clouds(seen, UP, floor, unit, config.at(start), config.surface, config.free, rng)
-        place = place_in(made.box, unit, T_world_object, draws.log_scale[i])
+        made = clouds(one.seen, UP, floor, unit, config.at(one.start), config.surface, config.free, rng)
+        place = place_in(made.box, unit, one.T_world_object, draws.log_scale[i])
         own = int(np.abs(place[:, 0]).argmin())
         step = TURNS // config.headings
         weight = np.roll(np.exp(-((turned[::step] / _ALIKE) ** 2)), own)
@@ -159,26 +200,6 @@ def batch(
     )
     same = torch.from_numpy(np.array(alike))
     return Batch(looked, edges, good, wanted, angles, same, draws.shape[list(rows)])
-
-
-def _seen(
-    draws: Draws, i: int, rng: Generator, views: int | None
-) -> tuple[list[ViewCloud], Float[np.ndarray, "4 4"], Float[np.ndarray, "16"]]:
-    """Views of one draw, the object's pose, and how far it is from itself turned; in training perhaps mirrored."""
-    there = int(draws.views[i])
-    count = min(there, views or int(rng.integers(1, VIEWS + 1)))
-    some = rng.permutation(there)[:count] if views is None else range(count)
-    mirror, turned = np.eye(4), draws.turned[i]
-    if views is None and rng.random() < 0.5:
-        mirror[0, 0] = -1.0
-        turned = np.roll(turned[::-1], 1)
-    seen = [
-        ViewCloud(
-            *(array[i, k].astype(float) @ mirror[:3, :3] for array in (draws.surface, draws.free, draws.eye))
-        )
-        for k in some
-    ]
-    return seen, mirror @ draws.T_world_object[i] @ mirror, turned
 
 
 _work: Callable[[int], dict[str, np.ndarray]]

@@ -14,7 +14,7 @@ from factors import checks
 from objgraph.errors import ConfigError, PriorError
 from objgraph.priors.first_guess import PLACE, FirstGuess, FirstGuessConfig, gaussian
 from objgraph.priors.tensors import load_tensors, save_tensors
-from objgraph.training.guess_data import TURNS, Batch, Draws, batch
+from objgraph.training.guess_data import TURNS, Batch, Draws, batch, first_views, varied
 
 _AT_ONCE = 8
 """Objects that are looked at together: what sixteen clouds of each take stays in the processor's cache."""
@@ -100,7 +100,7 @@ def train_guess(
         optimizer.zero_grad(set_to_none=True)
         value = 0.0
         for some in np.array_split(rows, max(1, len(rows) // _AT_ONCE)):
-            wanted = batch(draws, some.tolist(), unit, config.network, rng)
+            wanted = batch(draws, some.tolist(), unit, config.network, rng, varied(rng))
             given = torch.from_numpy(codes[wanted.shape]).float()
             with torch.autocast("cpu", dtype=torch.bfloat16, enabled=config.half_precision):
                 share = loss(network, wanted, given, config.code_weight, rng) * (len(some) / len(rows))
@@ -157,7 +157,8 @@ def measure_guess(
     rows = [i for i in range(len(draws)) if draws.views[i] >= views]
     some = [rows[k : k + _AT_ONCE] for k in range(0, len(rows), _AT_ONCE)]
     seen = [
-        _judged(network, batch(draws, part, unit, network.config, rng, views), limit_deg) for part in some
+        _judged(network, batch(draws, part, unit, network.config, rng, first_views(views)), limit_deg)
+        for part in some
     ]
     right, mass, centre, log_scale, probability, wanted = map(np.concatenate, zip(*seen, strict=True))
     return GuessQuality(

@@ -1,5 +1,6 @@
 """The first guess: its scenes, how it is trained, and what it proposes for an object that is seen."""
 
+from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -22,7 +23,16 @@ from objgraph.priors.registry import load_prior
 from objgraph.priors.shape_prior import ShapePrior
 from objgraph.priors.store import save_prior
 from objgraph.training.guess import GuessCommand, guess_command, random_shapes, with_first_guess
-from objgraph.training.guess_data import Draws, Shape, _seen, batch, draw_all, turn_distances
+from objgraph.training.guess_data import (
+    Draws,
+    Look,
+    Shape,
+    batch,
+    draw_all,
+    first_views,
+    turn_distances,
+    varied,
+)
 from objgraph.training.guess_scenes import UP, SceneConfig, draw_seen
 from objgraph.training.train_guess import TrainGuessConfig, measure_guess, train_guess
 from tests.toys import TOY_CODE, toy_frame, toy_mesh, toy_prior, toy_state
@@ -87,10 +97,10 @@ def test_what_is_seen_lies_on_the_object_or_outside_of_it() -> None:
     assert abs(seen.floor) < 0.1
 
 
-@pytest.mark.parametrize("count", [1, None])
-def test_places_in_a_batch_are_those_of_the_objects(draws: Draws, count: int | None) -> None:
+@pytest.mark.parametrize("look", [first_views(1), varied(np.random.default_rng(1))])
+def test_places_in_a_batch_are_those_of_the_objects(draws: Draws, look: Callable[[Draws, int], Look]) -> None:
     """Of all headings the object's own says where it is; those a quarter turn off, where its look-alikes are. In a mirror as well."""
-    made = batch(draws, range(len(draws)), 1.1, NETWORK, np.random.default_rng(0), count)
+    made = batch(draws, range(len(draws)), 1.1, NETWORK, np.random.default_rng(0), look)
     assert_allclose(made.weight.sum(dim=1), 1.0, atol=1e-5)
     each, best = torch.arange(len(draws)), made.weight.argmax(dim=1)
     assert torch.equal(best, made.off.abs().argmin(dim=1))  # a chair looks like itself
@@ -114,7 +124,8 @@ def test_what_is_seen_in_a_mirror_is_of_the_mirrored_object() -> None:
     )  # fmt: skip
     found = set()
     for seed in range(8):
-        (view,), T_seen, turned_seen = _seen(one, 0, np.random.default_rng(seed), None)
+        look = varied(np.random.default_rng(seed))(one, 0)
+        (view,), T_seen, turned_seen = look.seen, look.T_world_object, look.turned
         p_seen = (view.surface - T_seen[:3, 3]) @ T_seen[:3, :3]
         mirrored = not np.allclose(p_seen, p_object[0, 0])
         assert_allclose(p_seen, p_object[0, 0] * [-1 if mirrored else 1, 1, 1], atol=1e-9)
