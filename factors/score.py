@@ -28,10 +28,9 @@ def majorizing_weight(mu: Float[Tensor, "..."], sigma: Float[Tensor, "..."]) -> 
     ES is concave in mu^2, so its tangent in mu^2 majorises it (half-quadratic minimisation).
     """
     x = mu / sigma
-    small = x.abs() < 1e-3
-    safe = torch.where(small, torch.ones_like(x), x)
-    limit = math.sqrt(2 / math.pi) * (1 - x.square() / 6)
-    return torch.where(small, limit, torch.erf(safe / math.sqrt(2)) / safe) / sigma
+    small = x.abs() < 1e-5  # there it is the limit to one in 1e11
+    safe = torch.where(small, 1.0, x)
+    return torch.where(small, math.sqrt(2 / math.pi), torch.erf(safe / math.sqrt(2)) / safe) / sigma
 
 
 def unit_information_weight(sigma: Float[Tensor, "..."]) -> Float[Tensor, "..."]:

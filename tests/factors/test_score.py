@@ -39,6 +39,23 @@ def test_closed_form_is_the_papers_monte_carlo():
     torch.testing.assert_close(estimate, energy_score(mu, sigma), rtol=5e-3, atol=0)
 
 
+def test_the_monte_carlo_estimate_is_its_seed_s_and_in_its_input_s_precision():
+    mu, sigma = torch.tensor([0.1, -0.2]), torch.tensor([0.1, 0.3])
+    one, again, other = (energy_score_monte_carlo(mu, sigma, 10, seed) for seed in (0, 0, 1))
+    assert one.dtype == torch.float32
+    assert torch.equal(one, again)
+    assert not torch.equal(one, other)
+
+
+@pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
+def test_the_weight_is_right_where_mu_is_next_to_nothing(dtype):
+    x = torch.logspace(-12, -1, 200, dtype=torch.float64)
+    true = math.sqrt(2 / math.pi) * (1 - x**2 / 6 + x**4 / 40 - x**6 / 336)  # the series of erf
+    found = majorizing_weight(x.to(dtype), torch.tensor(1.0, dtype=dtype))
+    assert found.dtype == dtype
+    torch.testing.assert_close(found.double(), true, rtol=4 * torch.finfo(dtype).eps + 2e-11, atol=0)
+
+
 @given(mus, sigmas)
 def test_the_weight_times_mu_is_the_gradient(mu, sigma):
     x = t(mu).requires_grad_()
