@@ -7,6 +7,7 @@ import gtsam
 import numpy as np
 import pytest
 import torch
+from gtsam.symbol_shorthand import X
 
 from factors import checks
 from factors.code_mixture import CodeMixture
@@ -120,3 +121,21 @@ def test_arrays_of_any_layout_and_tensors_are_taken():
 def test_what_makes_no_factor_is_named(make, message):
     with pytest.raises(FactorError, match=message):
         make()
+
+
+def test_keys_are_a_list_of_whole_numbers_of_64_bits():
+    assert checks.keys("keys", [X(1), np.int64(2), 2**64 - 1, 0]) == [X(1), 2, 2**64 - 1, 0]
+    for wrong, words in [
+        ("x1", "a list"),
+        (3, "a list"),
+        ([2**64], r"keys\[0\]"),
+        ([1, -1], r"keys\[1\]"),
+        ([1, 0.5], "key"),
+    ]:
+        with pytest.raises(FactorError, match=words):
+            checks.keys("keys", wrong)
+
+
+def test_what_is_refused_is_shown_by_its_first_line():
+    with pytest.raises(FactorError, match=r"not array\(\[\[1., 1.\],$"):
+        checks.number("a number", np.ones((2, 2)))

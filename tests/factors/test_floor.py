@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from factors.base import Annealing
 from factors.errors import FactorError, NotFiniteError
-from factors.floor import FloorFactor, camera_from_pose
+from factors.floor import FloorFactor, camera_from_pose, floor_share
 from factors.state import CAMERA_DOF, POSE_DOF, ObjectKeys, ObjectState
 from tests.factors.conftest import SphereDecoder, assert_gtsam_has, make_decoder, random_state
 from tests.objgraph.observation.test_gravity_box import ups
@@ -212,3 +212,9 @@ def test_of_what_is_large_the_rays_are_farther_apart_and_no_size_without_end_is_
     assert len(factor._rays.depth) < 20_000
     with pytest.raises(NotFiniteError, match="s0 holds a scale without end"):
         factor.refresh(values_of(ObjectState(state.T_world_object, np.full(3, 800.0), state.code)))
+
+
+@pytest.mark.parametrize(("spacing", "share"), [(0.02, 0.01), (0.05, 0.0625), (0.2, 1.0), (0.3, 1.0)])
+def test_a_floor_s_rays_count_by_the_area_they_stand_for(spacing, share):
+    """One measurement a square of the correlation length, twenty centimetres, and never more than one a ray."""
+    assert floor_share(spacing) == pytest.approx(share)

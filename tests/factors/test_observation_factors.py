@@ -15,9 +15,10 @@ from factors.errors import FactorError
 from factors.full_distribution import FullDistribution
 from factors.gaussian_depth import Probabilistic
 from factors.rays import Rays
-from factors.state import ObjectKeys
+from factors.score import energy_score
+from factors.state import ObjectKeys, ObjectState
 from factors.surface import SurfaceFactor
-from tests.factors.conftest import CODE_LENGTH, make_decoder, random_camera, random_state
+from tests.factors.conftest import CODE_LENGTH, SphereDecoder, make_decoder, random_camera, random_state
 
 KEYS = ObjectKeys.numbered(0)
 
@@ -241,6 +242,46 @@ def test_what_the_mask_holds_of_something_else_pulls_a_bounded_factor_nowhere():
             gradients[tail, len(points)] = gradient
     moved = {tail: np.linalg.norm(gradients[tail, 80] - gradients[tail, 60]) for tail in (None, 0.05)}
     assert moved[0.05] < 0.02 * moved[None]
+
+
+@pytest.mark.parametrize("tail", [None, 0.03])
+@pytest.mark.parametrize("slope", [Annealing.slope, 90.0])
+def test_the_surface_s_loss_is_its_definition(tail, slope):
+    """Energy scores of metric distances to a sphere, each with the curvature of its share of one measurement."""
+    rng, size, radius, prior_sigma = np.random.default_rng(0), 0.6, 0.5, 0.02
+    state = ObjectState(gtsam.Pose3(), np.log(size) * np.ones(3), np.array([radius - 0.4, 0, 0, 0, 0]))
+    camera = random_camera(rng)
+    p_world = rng.normal(size=(40, 3))
+    p_world *= (size * radius + rng.normal(size=(40, 1)) * 0.03) / np.linalg.norm(
+        p_world, axis=1, keepdims=True
+    )
+    sensor, share = rng.uniform(0.005, 0.05, 40), rng.uniform(0.1, 1.0, 40)
+    p_camera = (p_world - camera.translation()) @ camera.rotation().matrix()
+    factor = SurfaceFactor(
+        KEYS, SphereDecoder(), camera, p_camera, sensor, prior_sigma=prior_sigma, share=share, tail=tail
+    )
+    values = gtsam.Values()
+    state.insert(values, KEYS)
+    factor.refresh(values, Annealing(slope))
+    mu = torch.as_tensor(np.linalg.norm(p_world, axis=1) - size * radius)
+    sigma = torch.as_tensor(np.sqrt(sensor**2 + (prior_sigma * size) ** 2))
+    score = energy_score(mu, sigma)
+    if tail is not None:
+        longer = tail * np.sqrt(Annealing.slope / slope)
+        score = longer * torch.arctan(score / longer)
+    expected = (torch.as_tensor(share) * np.sqrt(np.pi / 2) / sigma * score).sum()
+    assert factor.loss(values) == pytest.approx(float(expected), rel=1e-9)
+    assert factor.measurements == pytest.approx(share.sum())
+
+
+@pytest.mark.parametrize(
+    "given", [np.zeros((9 + 5, 9)), np.full(9 + 5, -1.0), np.diag([-1.0, *np.ones(9 + 4)])]
+)
+def test_a_covariance_of_the_state_that_is_none_is_refused(given):
+    with pytest.raises(FactorError, match="state_covariance has"):
+        SurfaceFactor(
+            KEYS, make_decoder(), gtsam.Pose3(), np.ones((4, 3)), np.full(4, 0.01), state_covariance=given
+        )
 
 
 @pytest.mark.parametrize("points", [np.zeros((0, 3)), np.zeros((4, 2)), np.full((4, 3), np.nan)])

@@ -6,7 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from factors.errors import FactorError
-from factors.rays import BOX_HALF_SIZE, Rays, box_interval, choose_cells, coarse_depths
+from factors.rays import BOX_HALF_SIZE, Rays, box_interval, choose_cells, coarse_depths, passing_depth
+from factors.state import ObjectState
 from tests.factors.conftest import random_camera, random_state
 
 
@@ -47,6 +48,15 @@ def test_cells_are_finest_at_the_surface():
     cells = choose_cells(near, far, sdf, nowhere, nowhere, count=14, band=torch.full_like(near, 0.03))
     assert abs(float(cells.depth[0, cells.width.argmin()]) - 1.4) < 0.07
     assert cells.width.min() < 0.3 / 14
+
+
+def test_a_hit_that_misses_the_box_leaves_it_no_sooner_than_through_it():
+    """Half the box's diagonal, in metres, behind the middle; and behind the hit a whole one."""
+    state = ObjectState(gtsam.Pose3(), np.log([0.5, 2.0, 1.0]), np.zeros(5))
+    half = np.array([0.4, 0.25, 0.3])
+    radius = np.sqrt(0.2**2 + 0.5**2 + 0.3**2)
+    found = passing_depth(state, np.array([1.0, 4.0]), 3.0, half)
+    np.testing.assert_allclose(found, [3.0 + radius, 4.0 + 2 * radius])
 
 
 def _rays(**changes):

@@ -48,6 +48,20 @@ def test_a_cylinder_stands_upright():
     np.testing.assert_allclose(at(decoder, lid, CYLINDER), 0, atol=2e-3)
 
 
+def test_a_tapered_tube_is_as_wide_as_its_height_says():
+    """Between the bottom and the top the width changes along a line, beyond them it stays; round in x and z."""
+    config = SuperquadricConfig(squarest=200.0)
+    decoder, share = Superquadric(config).double(), config.taper * np.tanh(0.7)
+    height, angle = np.linspace(-0.9, 0.9, 19), np.linspace(0, 6, 19)
+    width = 1 + share * height
+    side = SEMI_AXIS * np.stack([width * np.cos(angle), height, width * np.sin(angle)], axis=1)
+    np.testing.assert_allclose(at(decoder, side, (-30.0, 30.0, 0.7)), 0, atol=2e-3)
+    for beyond in (-1.5, 1.5):
+        width = 1 + share * np.sign(beyond)
+        aside = SEMI_AXIS * np.array([[3 * width, beyond, 0.0], [0.0, beyond, 3 * width]])
+        np.testing.assert_allclose(at(decoder, aside, (-30.0, 30.0, 0.7)), 2 * SEMI_AXIS, atol=2e-3)
+
+
 @given(code=codes, seed=st.integers(0, 1000))
 @settings(max_examples=40, deadline=None)
 def test_jacobian_is_that_of_differences(code, seed):
