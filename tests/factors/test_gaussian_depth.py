@@ -92,6 +92,16 @@ def test_the_score_is_that_of_the_sums(renderer, seed):
     assert (expected > 1e-3).any()
 
 
+@pytest.mark.parametrize("renderer", GAUSSIAN)
+def test_the_spread_that_is_frozen_has_the_sensor_s_variance_too(renderer):
+    sdf, sigma, cells, targets = scene()
+    escape = (1.1 * cells.far).tolist()
+    for r, spread in enumerate(renderer.freeze(RaySamples(sdf, sigma, cells, targets, SLOPE)).tolist()):
+        depth = cells.depth[r].numpy()
+        _, variance = depth_by_sums(renderer, sdf[r].numpy(), sigma[r].numpy(), depth, escape[r], SLOPE)
+        assert spread == pytest.approx(np.hypot(np.sqrt(variance), float(targets.sigma[r])), rel=1e-5)
+
+
 def differences(function, values: torch.Tensor, step: float = 1e-6) -> np.ndarray:
     """Central differences of a sum w.r.t. every entry."""
     result = np.zeros(values.shape)
