@@ -45,6 +45,18 @@ def test_sdf_jacobian(angle, camera_is_variable, seed):
     assert np.abs(analytic - numeric).max() < 1e-5 * np.abs(numeric).max()
 
 
+@pytest.mark.parametrize("slope", [0.1, 0.5, 0.8, 1.0, 1.7, 2.0, 5.0])
+def test_metres_of_a_unit_are_those_along_the_normal_of_a_stretched_field(slope):
+    """One over the metric gradient; a decoder's slope is taken for no less than half and no more than two."""
+    rng = np.random.default_rng(0)
+    state = ObjectState(gtsam.Pose3(), rng.uniform(-1, 1, 3), np.zeros(CODE_LENGTH))
+    normal = rng.normal(size=(20, 3))
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    found = metres_per_unit(torch.as_tensor(slope * normal), state)
+    gradient = np.clip(slope, 0.5, 2.0) * normal / state.scale
+    np.testing.assert_allclose(found, 1 / np.linalg.norm(gradient, axis=1))
+
+
 def test_metres_of_a_scaled_sphere_are_metres():
     decoder, state = (
         SphereDecoder(),
