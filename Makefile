@@ -4,7 +4,7 @@ BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 WORKERS ?= 2
 
-.PHONY: demo test fuzz kills long-run oldest rehearsal lint types docs clean
+.PHONY: demo test fuzz kills long-run mutants oldest rehearsal lint types docs clean
 
 demo: $(STAMP)
 	$(BIN)/objgraph map --dataset sample --out out/demo
@@ -27,6 +27,12 @@ kills: $(STAMP)
 UPDATES ?= 10000
 long-run: $(STAMP)
 	UPDATES=$(UPDATES) OMP_NUM_THREADS=1 $(BIN)/python -m pytest -q tests/reliability/test_long.py
+
+# factors with a mistake made on purpose, and whether tests/factors notice; MUTANTS: names, as factors.score*
+MUTANTS ?=
+mutants: $(STAMP)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check "mutmut>=3.8"
+	OMP_NUM_THREADS=1 $(BIN)/mutmut run --max-children $(WORKERS) $(MUTANTS)
 
 # the tests with the oldest versions that pyproject.toml admits
 oldest:
