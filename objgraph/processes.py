@@ -16,6 +16,8 @@ from typing import Literal, TypeVar
 
 from objgraph.errors import ObjectGraphError, ProcessError
 
+log = logging.getLogger(__name__)
+
 Result = TypeVar("Result")
 
 
@@ -36,7 +38,9 @@ def spread(
         return
     left: dict[int, Callable[[], Result]] = {}
     yield from _in_processes(enumerate(works), jobs, left)
-    while left:  # a process died: one at a time, so that the piece it was at is known
+    if left:
+        log.warning("a process died, perhaps for want of memory: what is left is done one at a time")
+    while left:  # so the piece that a process dies at is known
         yield from _in_processes(list(left.items()), 1, left)
         if left:
             place = next(iter(left))

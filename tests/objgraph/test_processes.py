@@ -63,11 +63,12 @@ def test_work_is_the_same_in_however_many_processes(jobs, caplog):
     assert not active_children()
 
 
-def test_a_process_that_dies_costs_its_piece_alone():
+def test_a_process_that_dies_costs_its_piece_alone(caplog):
     found = dict(spread([partial(_work, what) for what in ["a", "die", "b", "die", "c"]], jobs=2))
     assert {place: what for place, what in found.items() if isinstance(what, str)} == {0: "a", 2: "b", 4: "c"}
     assert all(isinstance(found[place], ProcessError) for place in (1, 3))
     assert len(found) == 5
+    assert "a process died" in caplog.text
 
 
 def test_an_error_in_a_process_is_raised_here_and_ends_the_others():
