@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 import torch
-from jaxtyping import Float, Int
+from jaxtyping import Float, Int, Shaped
 from torch import Tensor, nn
 
 from factors.affine import affine
@@ -13,6 +13,8 @@ from factors.errors import FactorError
 
 _IN_CACHE = 2048
 """Points that a CPU decodes at once: their activations stay in its cache, which halves the time of a large call."""
+_ROWS = 64
+"""Of which a CPU decodes multiples: oneDNN compiles, and keeps, code for every number of rows it meets."""
 
 
 class SdfJet(NamedTuple):
@@ -76,9 +78,11 @@ class SdfDecoder(nn.Module, ABC):
         """
         self._check(codes, owner)
         entered = self._enter(codes)
-        if torch.is_grad_enabled() or points.is_cuda or len(points) <= _IN_CACHE:
-            return self._network(points, _owned(entered, owner, len(points)))
-        return torch.cat([self._network(p, _owned(entered, o, len(p))) for p, o in _pieces(points, owner)])
+        at_once = len(points) if torch.is_grad_enabled() else _IN_CACHE
+        parts = [
+            self._network(p, _owned(entered, o, len(p)))[:n] for n, p, o in _pieces(points, owner, at_once)
+        ]
+        return parts[0] if len(parts) == 1 else torch.cat(parts)
 
     def in_blocks(self, points: Float[Tensor, "b k 3"], codes: Float[Tensor, "b l"]) -> Float[Tensor, "b k"]:
         """Signed distances of as many points of each shape: what training asks for."""
@@ -104,13 +108,12 @@ class SdfDecoder(nn.Module, ABC):
         with torch.no_grad():
             entered, d_entered = self._enter(codes.detach()), self._d_enter(codes.detach())
             per_code = torch.cat(list(d_entered.values()), dim=1)
-            whole = points.is_cuda or len(points) <= _IN_CACHE
             parts = []
-            for p, o in [(points, owner)] if whole else _pieces(points, owner):
+            for n, p, o in _pieces(points, owner, _IN_CACHE):
                 value, d_point, d_injected = self._linearize(p.detach(), _owned(entered, o, len(p)))
                 d_rows = torch.cat([d_injected[layer] for layer in d_entered], dim=1)
-                parts.append(SdfJet(value, d_point, _code_gradient(d_rows, per_code, o)))
-        return parts[0] if whole else SdfJet(*(torch.cat(part) for part in zip(*parts, strict=True)))
+                parts.append([each[:n] for each in (value, d_point, _code_gradient(d_rows, per_code, o))])
+        return SdfJet(*(part[0] if len(parts) == 1 else torch.cat(part) for part in zip(*parts, strict=True)))
 
     def _linearize(
         self, points: Float[Tensor, "n 3"], injected: dict[str, Float[Tensor, "n w"]]
@@ -133,10 +136,20 @@ class SdfDecoder(nn.Module, ABC):
 
 
 def _pieces(
-    points: Float[Tensor, "n 3"], owner: Int[Tensor, "n"] | None
-) -> Iterator[tuple[Float[Tensor, "m 3"], Int[Tensor, "m"] | None]]:
-    for i in range(0, len(points), _IN_CACHE):
-        yield points[i : i + _IN_CACHE], None if owner is None else owner[i : i + _IN_CACHE]
+    points: Float[Tensor, "n 3"], owner: Int[Tensor, "n"] | None, at_once: int
+) -> Iterator[tuple[int, Float[Tensor, "m 3"], Int[Tensor, "m"] | None]]:
+    """What is decoded at once: how many points, and they with more of the last one."""
+    if points.is_cuda:
+        yield len(points), points, owner
+        return
+    for i in range(0, max(len(points), 1), max(at_once, 1)):
+        piece, own = points[i : i + at_once], None if owner is None else owner[i : i + at_once]
+        yield len(piece), _padded(piece), None if own is None else _padded(own)
+
+
+def _padded(rows: Shaped[Tensor, "n ..."]) -> Shaped[Tensor, "m ..."]:
+    """With its last row again and again behind."""
+    return torch.cat([rows, rows[-1:].expand(-len(rows) % _ROWS, *rows.shape[1:])])
 
 
 def _owned(
@@ -155,7 +168,8 @@ def _code_gradient(
     result = d_rows.new_empty(len(d_rows), per_code.shape[2])
     for i in owner.unique().tolist():
         own = owner == i
-        result[own] = affine(d_rows[own], per_code[i].t().contiguous())
+        rows = d_rows[own]
+        result[own] = affine(_padded(rows), per_code[i].t().contiguous())[: len(rows)]
     return result
 
 

@@ -77,3 +77,31 @@ def test_many_codes_need_an_owner(decoder):
 def test_skip_must_be_a_layer():
     with pytest.raises(FactorError, match="skip"):
         Decoder(DecoderConfig(depth=3, skip=3))
+
+
+@pytest.mark.parametrize("mapping", [0, 8])
+def test_products_have_few_sizes(mapping, monkeypatch):
+    decoder = Decoder(DecoderConfig(code_length=6, width=16, activation="relu", mapping=mapping))
+    sizes = set()
+
+    def noted(x, weight, bias=None):
+        sizes.add(len(x))
+        return torch.nn.functional.linear(x, weight, bias)
+
+    for module in ("factors.affine", "factors.decoder", "factors.sdf_decoder"):
+        monkeypatch.setattr(f"{module}.affine", noted)
+    codes = torch.randn(3, 6)
+    for n in range(0, 5000, 37):
+        points, owner = torch.randn(n, 3), torch.randint(0, 3, (n,))
+        with torch.no_grad():
+            assert len(decoder(points, codes, owner)) == n
+        assert all(len(each) == n for each in decoder.linearize(points, codes, owner))
+    assert len(sizes) <= 33
+    assert max(sizes) == 2048
+
+
+def test_a_point_alone_has_the_gradient_of_its_code():
+    decoder, points = make_decoder(), torch.randn(1, 3).double()
+    codes = torch.randn(1, CODE_LENGTH).double().requires_grad_()
+    (found,) = torch.autograd.grad(decoder(points, codes).sum(), codes)
+    torch.testing.assert_close(found, decoder.linearize(points, codes.detach()).d_code)

@@ -1,12 +1,14 @@
 """A round about toy chairs that has no end, and what a process holds on the way."""
 
 import gc
+import json
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import gtsam
 import numpy as np
+from matplotlib.figure import Figure
 
 from objgraph.observation.frames import Frame, Instance
 from objgraph.slam.incremental.object_graph import IncrementalObjectGraph
@@ -73,3 +75,15 @@ def slope(values: list[float], every: int) -> float:
     """Growth from one step to the next, by the second half of what was measured every so many."""
     half = values[len(values) // 2 :]
     return float(np.polyfit(every * np.arange(len(half)), half, 1)[0])
+
+
+def draw(values: list[float], every: int, step: str) -> None:
+    """`out/memory_STEP.png` and the numbers in it, for who runs it to look at."""
+    folder = Path("out")
+    folder.mkdir(exist_ok=True)
+    (folder / f"memory_{step}.json").write_text(json.dumps({"every": every, "kB": values}))
+    figure = Figure((6, 3), layout="constrained")
+    axes = figure.subplots()
+    axes.plot(every * np.arange(1, len(values) + 1), np.array(values) / 1e3)
+    axes.set(xlabel=f"{step}s", ylabel="memory (MB)", ylim=(0, None))
+    figure.savefig(folder / f"memory_{step}.png", dpi=120)
