@@ -120,7 +120,10 @@ class Decoder(LinearInjection):
             parts.append(through(self.from_point[entry], features))
         if entry in injected:
             parts.append(injected[entry])
-        return parts[0] if len(parts) == 1 else sum(parts[1:], start=parts[0])
+        total, *more = parts
+        for part in more:
+            total += part  # in place: it is a product of its own
+        return total
 
     def _linearize(
         self, points: Float[Tensor, "n 3"], injected: dict[str, Float[Tensor, "n w"]]
