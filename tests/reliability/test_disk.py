@@ -29,8 +29,12 @@ class Limited:
     limit: int
 
     def __call__(self, out: Path) -> int:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (self.limit, self.limit))
-        return self.command(out)
+        before = resource.getrlimit(resource.RLIMIT_FSIZE)
+        resource.setrlimit(resource.RLIMIT_FSIZE, (self.limit, before[1]))
+        try:
+            return self.command(out)
+        finally:  # what measures coverage writes at the end
+            resource.setrlimit(resource.RLIMIT_FSIZE, before)
 
 
 @pytest.fixture(params=ARGUMENTS)
