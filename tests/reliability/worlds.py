@@ -85,5 +85,5 @@ def draw(values: list[float], every: int, step: str) -> None:
     figure = Figure((6, 3), layout="constrained")
     axes = figure.subplots()
     axes.plot(every * np.arange(1, len(values) + 1), np.array(values) / 1e3)
-    axes.set(xlabel=f"{step}s", ylabel="memory (MB)", ylim=(0, None))
+    axes.set(xlabel=f"{step}s", ylabel="memory (MB)", ylim=(0, 1.1e-3 * max(values)))
     figure.savefig(folder / f"memory_{step}.png", dpi=120)
