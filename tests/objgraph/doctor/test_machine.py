@@ -1,10 +1,9 @@
 """The machine's sections: what is there, what is missing, and systems that say little of themselves."""
 
-from importlib.metadata import PackageNotFoundError
+from importlib.metadata import PackageNotFoundError, version
 
 import numpy as np
 import pytest
-import torch
 
 from objgraph.doctor import examine_machine, machine
 from objgraph.priors.registry import available_priors, load_prior
@@ -28,7 +27,7 @@ def requirements(monkeypatch, lines):
 def test_what_is_missing_or_too_old_is_wrong(monkeypatch):
     requirements(monkeypatch, ["numpy>=99", "no-such-package>=1", "torch"])
     section = examine_machine()[1]
-    assert dict(section.rows)["torch"] == torch.__version__
+    assert dict(section.rows)["torch"] == version("torch")
     old, missing = section.wrong
     assert (old.where, old.what) == ("numpy", f"{np.__version__}; numpy>=99 is needed")
     assert (missing.where, missing.what) == ("no-such-package", "missing; no-such-package>=1 is needed")

@@ -15,10 +15,11 @@ from objgraph.graph.initialise import InitialisationConfig
 from objgraph.graph.solve import LevenbergMarquardtConfig, Problem, minimize
 from objgraph.observation.frames import Frame, Instance
 from objgraph.observation.sampling import SamplingConfig
+from objgraph.slam.incremental import upkeep
 from objgraph.slam.incremental.config import IncrementalConfig, Tolerance
 from objgraph.slam.incremental.front_end import FrameReport
 from objgraph.slam.incremental.object_graph import IncrementalObjectGraph
-from objgraph.slam.incremental.tracked import TrackedObject
+from objgraph.slam.incremental.tracked import TrackedObject, cameras_of
 from objgraph.slam.odometry import OdometryNoise, dead_reckoning, drifting_motions
 from tests.toys import look_at, toy_picture, toy_prior, toy_state
 
@@ -193,6 +194,42 @@ def test_what_has_only_travelled_is_told_from_what_has_moved(run):
         together.update(key, shift.compose(observation.point.atPose3(key)))
     assert entry.departure(observation, together, objects.config.tolerance) < 1e-6
     assert entry.has_travelled(observation, together)
+
+
+def test_what_a_closed_loop_took_along_is_not_decoded_again(world, monkeypatch):
+    objects = mapper()
+    for frame in world.frames[:6]:
+        objects.update(frame, world.detections(frame))
+    system, entry = objects.system, objects.objects[0]
+    shift = gtsam.Pose3(gtsam.Rot3.Rz(0.8), np.array([2.0, -1.0, 0.0]))
+    estimates = system.estimates
+
+    def elsewhere(*asked) -> gtsam.Values:
+        values = estimates(*asked)
+        for key in (entry.keys.pose, *cameras):
+            values.update(key, shift.compose(values.atPose3(key)))
+        return values
+
+    cameras = cameras_of(entry.observations)
+    left = estimates([entry], cameras)
+    before, factors = [(o.quadratic, o.point) for o in entry.observations], len(system.smoother._factors)
+    with monkeypatch.context() as patch:
+        patch.setattr(system, "estimates", elsewhere)
+        patch.setattr(upkeep, "linearize", lambda *_: pytest.fail("it was decoded"))
+        assert objects.upkeep.renew([entry], Tolerance(10, 10, 10, 10)) == 0
+    assert len(system.smoother._factors) == factors
+    for observation, (quadratic, point) in zip(entry.observations, before, strict=True):
+        assert system.smoother.holds(observation.number)
+        if observation.camera is None:  # a camera that is known does not travel
+            assert observation.point is point
+            continue
+        there = shift.compose(left.atPose3(observation.camera))
+        assert observation.point.atPose3(observation.camera).equals(there, 1e-9)
+        here, moved = gtsam.Values(point), gtsam.Values(observation.point)
+        for values in (here, moved):
+            pose = values.atPose3(entry.keys.pose)
+            values.update(entry.keys.pose, pose.retract(np.array([0.01, 0.02, -0.01, 0.03, 0.0, 0.02])))
+        assert observation.quadratic.error(moved) == pytest.approx(quadratic.error(here), rel=1e-6)
 
 
 def test_a_failed_update_leaves_the_map_as_it_was(world):
