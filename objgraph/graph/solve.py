@@ -53,10 +53,7 @@ class SolverConfig:
     """Stop at the last slope where a round lowers the refreshed cost by less than this share of it."""
     absolute_tolerance: float = 1.0
     """... and by less than this, in units of the cost: half a squared standard deviation."""
-    inner: LevenbergMarquardtConfig = field(
-        default_factory=lambda: LevenbergMarquardtConfig(relative_tolerance=1e-2, absolute_tolerance=2.0)
-    )
-    """Of each round; loose, since the next round changes what is minimised."""
+    inner: LevenbergMarquardtConfig = field(default_factory=LevenbergMarquardtConfig)
 
     def __post_init__(self) -> None:
         """Raises ConfigError where a number is not one of its kind, or there is no slope."""
