@@ -1,6 +1,7 @@
 """One labelled type: what it refuses, its blocks, ellipsoids and files, and the same covariance in other coordinates."""
 
 import json
+from dataclasses import replace
 
 import gtsam
 import numpy as np
@@ -169,3 +170,16 @@ def test_fused_estimates_lie_between_and_of_two_decoders_there_is_none():
         fused((a, covariance), (b, ObjectCovariance.diagonal(np.ones(9), "y")))
     with pytest.raises(CovarianceError, match="share"):
         fused((a, covariance), (b, covariance), 1.5)
+
+
+@pytest.mark.parametrize(
+    ("state", "size", "message"),
+    [
+        (replace(some_state(), log_scale=np.array([0.0, 0.0, 2000.0])), LENGTH, "not finite"),
+        (some_state(), LENGTH - 1, f"over {LENGTH - 1} axes"),
+    ],
+)
+@pytest.mark.filterwarnings("ignore:overflow")
+def test_a_covariance_of_something_else_is_refused(state, size, message):
+    with pytest.raises(CovarianceError, match=message):
+        in_world(some_covariance(size=size), state)
