@@ -182,4 +182,4 @@ def test_fused_estimates_lie_between_and_of_two_decoders_there_is_none():
 @pytest.mark.filterwarnings("ignore:overflow")
 def test_a_covariance_of_something_else_is_refused(state, size, message):
     with pytest.raises(CovarianceError, match=message):
-        in_world(some_covariance(size=size), state)
+        of_xi(some_covariance(size=size), state)
