@@ -366,3 +366,13 @@ def test_a_camera_that_the_values_do_not_hold_is_named():
     values.erase(X(3))
     with pytest.raises(FactorError, match="the values hold no camera at x3"):
         factor.refresh(values)
+
+
+@pytest.mark.parametrize("kind", ["surface", "depth-full"])
+def test_what_is_not_frozen_has_no_loss(kind):
+    factor, values = problem(kind, "fixed", 0)
+    query = factor.query(values)
+    value = factor.decoder(query.p_object, query.code[None]).detach()
+    fresh = make_factor(kind, gtsam.Pose3(), np.random.default_rng(0))
+    with pytest.raises(FactorError, match="must be refreshed"):
+        fresh.loss_of(query, value)
