@@ -22,7 +22,7 @@ _FEW = 2 * ROUND
 _SETTLED = 2000
 """Updates after which memory is judged: before that caches fill."""
 _GROWTH_KB = {"update": 1.0, "map": 10.0}
-"""Memory that each may take for good. A view takes a hundred times the first, an object of a map the second."""
+"""Memory that each may take for good."""
 
 
 def test_a_map_with_a_lag_holds_no_more_after_many_updates(record_property):
