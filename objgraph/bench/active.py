@@ -46,9 +46,9 @@ from objgraph.observation.sampling import ObjectView, SamplingConfig, observe
 from objgraph.priors.mesh import extract_mesh
 from objgraph.priors.registry import load_prior
 from objgraph.priors.shape_prior import ShapePrior
-from objgraph.processes import spread
 from objgraph.show.next_view import sphere_picture
 from objgraph.synthetic.camera import intrinsics
+from objgraph.work import Workers, spread
 
 GOAL = 4
 """Views of the policy that the others are measured against."""
@@ -332,7 +332,7 @@ def main(arguments: Arguments) -> None:
     missing = [case for case in cases if case.id not in done]
     pictures = {cases[0].id: arguments.out / "information.png"}
     works = [partial(attempt, case, arguments, pictures.get(case.id)) for case in missing]
-    for place, rows in track(spread(works, arguments.jobs), "objects", total=len(works)):
+    for place, rows in track(spread(works, Workers(arguments.jobs)), "objects", total=len(works)):
         if isinstance(rows, ObjectGraphError):
             print(f"{missing[place].id} is left out: {rows}")
             continue

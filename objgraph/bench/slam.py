@@ -33,8 +33,8 @@ from objgraph.graph.object_graph import ObjectGraph
 from objgraph.maps.pipeline import scene_floor
 from objgraph.observation.frames import Frame, FrameSource, Scan
 from objgraph.observation.sampling import SamplingConfig, observe, rigid_pose
-from objgraph.processes import spread
 from objgraph.slam.odometry import OdometryNoise, dead_reckoning, drifting_motions
+from objgraph.work import Workers, spread
 
 FEW = SamplingConfig(
     points=100, hits=40, free=40
@@ -204,7 +204,9 @@ def main(arguments: Arguments) -> None:
         print(means(rows))
         return
     true, facts = reference(arguments, scan)
-    for place, done in spread([partial(run, arguments, seed, true) for seed in missing], arguments.jobs):
+    for place, done in spread(
+        [partial(run, arguments, seed, true) for seed in missing], Workers(arguments.jobs)
+    ):
         seed = missing[place]
         if isinstance(done, ProcessError):
             print(f"seed {seed} is left out: {done}")

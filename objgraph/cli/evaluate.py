@@ -60,8 +60,10 @@ def _objects(command: EvaluateCommand, console: Console) -> Report:
         )
     _check_writable(command.figures)
     with progress(console, transient=True) as tell:
-        rows = compare(comparison, command.jobs, command.retry_failed, program_version(), tell)
-        again = compare_again(comparison, command.jobs, program_version(), tell) if command.stability else []
+        rows = compare(comparison, command.workers, command.retry_failed, program_version(), tell)
+        again = (
+            compare_again(comparison, command.workers, program_version(), tell) if command.stability else []
+        )
     if boxes:
         return rgbd_box_report(comparison, rows)
     return (
@@ -85,7 +87,7 @@ def _boxes(command: EvaluateCommand, console: Console) -> Report:
         detector_noise=command.detector_noise,
     )  # fmt: skip
     with progress(console, transient=True) as tell:
-        rows = compare_boxes(comparison, command.jobs, command.retry_failed, program_version(), tell)
+        rows = compare_boxes(comparison, command.workers, command.retry_failed, program_version(), tell)
     return box_report(comparison, rows, command.least_points)
 
 

@@ -12,6 +12,7 @@ from objgraph.bench.worlds.meshes import ShapeSet
 from objgraph.cli.suite_parts import Suite
 from objgraph.errors import EvaluationError
 from objgraph.synthetic.faults import Difficulty
+from objgraph.work import Engine, Workers
 
 FIGURES = "figures.json"
 """The file of a comparison's figures, by default."""
@@ -77,6 +78,8 @@ class EvaluateCommand:
     """Your own priors, .safetensors files: each serves its category in place of the shipped one."""
     jobs: int = 1
     """Processes, of one thread each."""
+    engine: Engine = "local"
+    """Whose processes: this machine's, or those of a Ray cluster (docs/guides/many-scenes.md)."""
     calibration: bool = False
     """Report how far covariances hold in place of how far estimates are right."""
     released: bool = False
@@ -89,6 +92,11 @@ class EvaluateCommand:
     """Of kitti, cars with that many returns count."""
     detector_noise: float = 1.0
     """Of kitti, what the detections' errors are multiplied by; what the graph is told of them stays."""
+
+    @property
+    def workers(self) -> Workers:
+        """Who makes the rows."""
+        return Workers(self.jobs, self.engine)
 
     @property
     def folder(self) -> Path:

@@ -13,15 +13,18 @@ Command = TypeVar("Command")
 
 
 def _map(arguments: list[str], console: "Console") -> None:
-    """Map the objects of one scan.
+    """Map the objects of one scan, or with --scenes of many.
 
     $ objgraph map --dataset sample --out out/demo
     $ objgraph map --dataset folder --root MYSCAN --out out/mine
     $ objgraph map --dataset scannet --root DIR --scene scene0470_00 --categories chair table --out out/chairs
+    $ objgraph map --dataset scannet --root DIR --scenes all --jobs 2 --out out/maps
     """
     from objgraph.cli.map import MapCommand, run_map
+    from objgraph.cli.map_scenes import run_map_scenes
 
-    run_map(_parsed(MapCommand, "map", arguments), console)
+    command = _parsed(MapCommand, "map", arguments)
+    (run_map if command.scenes is None else run_map_scenes)(command, console)
 
 
 def _report(arguments: list[str], console: "Console") -> None:
@@ -184,7 +187,7 @@ VERBS: dict[str, Callable[[list[str], "Console"], int | None]] = {
 
 
 _GOES_ON = ("evaluate", "train", "train-guess", "segment")
-"""Verbs that keep what they have finished."""
+"""Verbs that keep what they have finished; `map` does with --scenes."""
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -244,7 +247,8 @@ def _run(verb: str, arguments: list[str], loudness: int) -> int:
         errors.print(f"error: {escape(str(error))}: give a shorter path", highlight=False, soft_wrap=True)
         return 1
     except KeyboardInterrupt:
-        kept = "the same command goes on from here" if verb in _GOES_ON else "nothing is half-written"
+        goes_on = verb in _GOES_ON or any(word.startswith("--scenes") for word in arguments)
+        kept = "the same command goes on from here" if goes_on else "nothing is half-written"
         errors.print(f"stopped; {kept}", highlight=False)
         return 130
 

@@ -14,7 +14,7 @@ from rich.console import Console
 from objgraph.bench.metrics.maps import MapErrors, evaluate_map
 from objgraph.bench.metrics.tables import evaluation_table
 from objgraph.cli.progress import progress
-from objgraph.cli.run_config import SAMPLE_ROOT, MapRun, Source, Topics, read_run
+from objgraph.cli.run_config import MapRun, Source, Topics, read_run, root_of
 from objgraph.datasets.ground_truth import AnnotatedScan, annotated
 from objgraph.datasets.registry import load_lidar_frame, load_scan, scenes
 from objgraph.errors import DatasetError, EvaluationError, MapError
@@ -28,10 +28,10 @@ from objgraph.show.map_picture import map_picture
 from objgraph.show.report import REPORT, object_pictures, write_report
 from objgraph.show.street_picture import street_picture
 from objgraph.show.tables import map_table
+from objgraph.work import Engine
 
 log = logging.getLogger(__name__)
 
-STREET = "street"
 _MOST_JOBS = 4
 """Unless more are asked for: each takes memory."""
 _DEFAULTS = MappingConfig()
@@ -56,6 +56,9 @@ class MapCommand:
     """The data set's folder; the sample and the street need none."""
     scene: Annotated[str | None, _option("STR")] = None
     """Name of the scan (of kitti or lidar the frame); may be left out where there is only one."""
+    scenes: Annotated[str | None, _option("{all,FILE}")] = None
+    """Map all scans of the data set, or those that a file names, one a line, each into its own folder of `out`; a run that
+    was stopped goes on with those that have no page yet."""
     categories: Annotated[tuple[str, ...], _option("[STR [STR ...]]")] = ()
     """Map objects of these categories alone; by default all."""
     trajectory: Annotated[Path | None, _option("PATH")] = None
@@ -84,14 +87,14 @@ class MapCommand:
     ] = None
     """Who estimates: the factor graph, the paper's gradient descent, or both; of both, the map takes the graph's and keeps
     the other beside it."""
-    points: Annotated[int | None, _option("INT", _DEFAULTS.sampling.points)] = None
-    """Surface points a view."""
     min_pixels: Annotated[int | None, _option("INT", _DEFAULTS.sampling.min_pixels)] = None
     """Mask pixels with depth below which a view says too little to be used."""
     pose_sigma: Annotated[tuple[float, float] | None, _option("FLOAT FLOAT")] = None
     """Radians and metres by which each camera's pose may be wrong; by default poses are taken as exact."""
     jobs: Annotated[int | None, _option("INT", "the cores, at most 4")] = None
-    """Objects mapped at the same time, each in a process of its own; the map is the same."""
+    """Objects, or with `scenes` scans, mapped at the same time, each in a process of its own; the map is the same."""
+    engine: Annotated[Engine, _option("{local,ray}", "local")] = "local"
+    """Whose processes: this machine's, or those of a Ray cluster (docs/guides/many-scenes.md)."""
 
 
 _SOURCE = ("dataset", "root", "scene", "categories", "trajectory", "scan2cad", "shapenet", "topic")
@@ -102,7 +105,6 @@ _SETTINGS: dict[str, tuple[str, ...]] = {
     "priors": ("priors",),
     "calibration": ("calibration",),
     "estimator": ("estimator",),
-    "points": ("sampling.points", "task.sampling.points"),
     "min_pixels": ("sampling.min_pixels",),
     "pose_sigma": ("graph.pose_sigma",),
 }
@@ -111,22 +113,26 @@ _SETTINGS: dict[str, tuple[str, ...]] = {
 
 def run_map(command: MapCommand, console: Console) -> ObjectMap:
     """Load, map, evaluate where there is ground truth, save, and show: a table, a picture and a page."""
-    run = _run_of(command)
+    run = run_of(command)
     settings = run.settings
-    jobs = min(torch.get_num_threads(), _MOST_JOBS) if command.jobs is None else command.jobs
     if isinstance(settings, LidarMappingConfig):
-        return _map_lidar(run.source, settings, command.out, jobs, console)
+        return _map_lidar(run.source, settings, command, console)
     scan, scene = load_scan_of(run.source)
     scan = _limited(scan, run.source.categories)
     with progress(console) as tell:
-        object_map = map_scan(scan, settings, tell, jobs=jobs)
+        object_map = map_scan(scan, settings, tell, jobs=jobs_of(command), engine=command.engine)
     _save(object_map, MapRun(replace(run.source, scene=scene), settings), command.out)
     errors = _evaluated(object_map, annotated(scan), command.out)
     _show(object_map, errors, scan, command.out, console)
     return object_map
 
 
-def _run_of(command: MapCommand) -> MapRun:
+def jobs_of(command: MapCommand) -> int:
+    """How many processes."""
+    return min(torch.get_num_threads(), _MOST_JOBS) if command.jobs is None else command.jobs
+
+
+def run_of(command: MapCommand) -> MapRun:
     """What was typed over what the file says; an empty list is none typed."""
     topics = {name: value for name, value in vars(command.topic).items() if value}
     given = {**vars(command), "topic": topics}
@@ -140,12 +146,12 @@ def _run_of(command: MapCommand) -> MapRun:
 
 
 def _map_lidar(
-    source: Source, settings: LidarMappingConfig, out: Path, jobs: int, console: Console
+    source: Source, settings: LidarMappingConfig, command: MapCommand, console: Console
 ) -> ObjectMap:
     """One scan of a LiDAR."""
-    frame = load_frame_of(source)
+    frame, out = load_frame_of(source), command.out
     with progress(console) as tell:
-        object_map = map_lidar(frame, settings, tell, jobs)
+        object_map = map_lidar(frame, settings, tell, jobs_of(command), command.engine)
     _save(object_map, MapRun(replace(source, scene=frame.name), settings), out)
     console.print(map_table(object_map))
     street_picture(object_map, frame, out / "map.png")
@@ -165,10 +171,7 @@ def load_frame_of(source: Source) -> LidarFrame:
             raise DatasetError(f"data set '{source.dataset}' does not use --{name}")
     if source.topic.options():
         raise DatasetError(f"data set '{source.dataset}' does not use --topic")
-    root = SAMPLE_ROOT if source.root is None and source.dataset == STREET else source.root
-    if root is None:
-        raise _no_root(source)
-    frame = load_lidar_frame(source.dataset, root, source.scene)
+    frame = load_lidar_frame(source.dataset, root_of(source), source.scene)
     if source.categories:
         kept = tuple(each for each in frame.detections if each.category in source.categories)
         frame = replace(frame, detections=kept)
@@ -179,20 +182,12 @@ def load_frame_of(source: Source) -> LidarFrame:
 
 def load_scan_of(source: Source) -> tuple[Scan, str | None]:
     """The scan, and its name where one was given or the data set has but one; raises DatasetError."""
-    root = source.root
-    if root is None:
-        if source.dataset != "sample":
-            raise _no_root(source)
-        root = SAMPLE_ROOT
+    root = root_of(source)
     options = {name: getattr(source, name) for name in ("trajectory", "scan2cad", "shapenet")}
     given = {name: value for name, value in options.items() if value is not None}
     scan = load_scan(source.dataset, root, source.scene, **given, **source.topic.options())
     names = scenes(source.dataset, root) if source.scene is None else [source.scene]
     return scan, names[0] if len(names) == 1 else None
-
-
-def _no_root(source: Source) -> DatasetError:
-    return DatasetError(f"data set '{source.dataset}': --root must name its folder")
 
 
 def _limited(scan: Scan, categories: tuple[str, ...]) -> Scan:

@@ -17,6 +17,7 @@ from objgraph.version import program_version
 
 CONFIG = "config.json"
 LIDAR_DATASETS = ("kitti", "lidar", "street")
+GENERATED = ("sample", "street")
 SAMPLE_ROOT = Path("out/sample")
 """Where the sample scan is generated unless `--root` says otherwise."""
 _JSON = (str, int, float, dict, tuple, type(None))
@@ -60,6 +61,15 @@ class Source:
     topic: Topics = Topics()
 
 
+def root_of(source: Source) -> Path:
+    """The data set's folder; those that the project generates need none to be named. Raises DatasetError."""
+    if source.root is not None:
+        return source.root
+    if source.dataset not in GENERATED:
+        raise DatasetError(f"data set '{source.dataset}': --root must name its folder")
+    return SAMPLE_ROOT
+
+
 @dataclass(frozen=True)
 class MapRun:
     """A mapping run."""
@@ -70,8 +80,12 @@ class MapRun:
 
     def save(self, folder: Path) -> None:
         """Write `config.json` at once; raises MapError."""
+        write_file(folder / CONFIG, self.text().encode(), MapError)
+
+    def text(self) -> str:
+        """What `config.json` holds."""
         document = {_PROGRAM: program_version(), **asdict(self.source), _SETTINGS: asdict(self.settings)}
-        write_file(folder / CONFIG, (json.dumps(document, indent=2, default=str) + "\n").encode(), MapError)
+        return json.dumps(document, indent=2, default=str) + "\n"
 
 
 def read_run(

@@ -23,7 +23,7 @@ from objgraph.priors.mesh import RESOLUTIONS
 from objgraph.priors.registry import prior_for
 from objgraph.priors.shape_prior import ShapePrior
 from objgraph.priors.store import load_prior_file
-from objgraph.processes import spread
+from objgraph.work import Engine, Workers, spread
 
 
 @dataclass(frozen=True)
@@ -52,6 +52,7 @@ def map_lidar(
     config: LidarMappingConfig | None = None,
     progress: Callable[[str, int, int], None] | None = None,
     jobs: int = 1,
+    engine: Engine = "local",
 ) -> ObjectMap:
     """Estimate every detected object, `jobs` at the same time as `map_scan` does; one that fails says why and stops no
     other.
@@ -60,6 +61,7 @@ def map_lidar(
         ObservationError: `frame` is no scan.
         PriorError: one of the files of `config.priors` is no prior.
         ConfigError: `jobs` is not positive.
+        ProcessError: there is no Ray cluster.
     """
     config = checks.settings_or_default(config, LidarMappingConfig, ConfigError)
     checks.instance("frame", frame, LidarFrame, ObservationError)
@@ -69,7 +71,7 @@ def map_lidar(
     find_prior = partial(prior_for, given=given)
     count, entries = len(frame.detections), {}
     works = (_work(frame, detection, config, find_prior) for detection in frame.detections)
-    for place, entry in spread(works, min(jobs, max(count, 1))):
+    for place, entry in spread(works, Workers(min(jobs, max(count, 1)), engine)):
         instance = _instance(frame.detections[place])
         entry = failed_entry(instance, entry) if isinstance(entry, ProcessError) else entry
         entries[place] = entry

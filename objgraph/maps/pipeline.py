@@ -41,8 +41,8 @@ from objgraph.priors.mesh import RESOLUTIONS
 from objgraph.priors.registry import prior_for
 from objgraph.priors.shape_prior import ShapePrior
 from objgraph.priors.store import load_prior_file
-from objgraph.processes import spread
 from objgraph.trust.calibration import Calibration, load_calibration, shipped_calibration
+from objgraph.work import Engine, Workers, spread
 
 log = logging.getLogger(__name__)
 
@@ -103,22 +103,25 @@ def map_scan(
     progress: Progress | None = None,
     watch: Callable[[Problem], None] | None = None,
     jobs: int = 1,
+    engine: Engine = "local",
 ) -> ObjectMap:
     """Map every object that the scan's masks name; an object that fails says why and stops no other.
 
     The ground truth of the scan, if it has any, is not read. `watch` is called after each accepted step of the graph's
     solver, with the problem of the object as it then is. `jobs` objects are mapped at the same time, each in a process
     with one thread (so a script keeps its own work under `if __name__ == "__main__"`); the map does not depend on it.
+    The engine "ray" asks the workers of a Ray cluster (`objgraph.work.ray_cluster`).
 
     Raises:
         ObservationError: the scan has no frame, or one that is none.
         PriorError: one of the files of `config.priors` is no prior.
         CovarianceError: `config.calibration` is no calibration.
         ConfigError: `jobs` is not positive, or one cannot `watch` so many.
+        ProcessError: there is no Ray cluster.
     """
     config = checks.settings_or_default(config, MappingConfig, ConfigError)
     jobs = checks.whole("jobs", jobs, checks.Range(1), ConfigError)
-    if watch is not None and jobs > 1:
+    if watch is not None and (jobs > 1 or engine != "local"):
         raise ConfigError("a watched map is made in one process: jobs=1")
     checks.instance("scan", scan, Scan, ObservationError)
     if not len(scan.frames):
@@ -136,7 +139,7 @@ def map_scan(
             tell(f"mapping {instance.category} {instance.id}", len(entries), count)
             yield _work(scan, instance, index, floor, config, find_prior, watch)
 
-    for place, entry in spread(works(), min(jobs, max(count, 1))):
+    for place, entry in spread(works(), Workers(min(jobs, max(count, 1)), engine)):
         instance = scan.instances[place]
         entry = failed_entry(instance, entry) if isinstance(entry, ProcessError) else entry
         entries[place] = entry

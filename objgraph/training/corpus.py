@@ -15,7 +15,6 @@ from factors import checks
 from objgraph.atomic import write_file
 from objgraph.errors import ConfigError, PriorError
 from objgraph.families import FAMILIES, draw
-from objgraph.processes import process_pool
 from objgraph.training.index import HELDOUT_SHARE, CadMesh, heldout_groups, read_index
 from objgraph.training.joined import joined
 from objgraph.training.mesh_files import canonical, read_mesh
@@ -30,6 +29,7 @@ from objgraph.training.samples import (
 from objgraph.training.solid import SOLID_VERSION, Solid, require_libraries, solidify
 from objgraph.training.swaps import SWAPPED, swap
 from objgraph.training.warps import random_warp
+from objgraph.work import process_pool
 
 log = logging.getLogger(__name__)
 

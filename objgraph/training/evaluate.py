@@ -13,7 +13,6 @@ from jaxtyping import Bool, Float
 from objgraph.errors import ObjectGraphError
 from objgraph.priors.mesh import mesh_of_grid, sdf_grid
 from objgraph.priors.shape_prior import ShapePrior
-from objgraph.processes import spread
 from objgraph.training.code_search import SearchConfig, sample_rows, search
 from objgraph.training.mesh_folder import ChosenMeshes
 from objgraph.training.partial import PartialConfig, fit_view
@@ -22,6 +21,7 @@ from objgraph.training.single_view import SingleViewConfig, take_view
 from objgraph.training.solid import Solid
 from objgraph.training.stretch import multiplied, to_decoder
 from objgraph.training.true_shape import ShapeScore, TrueShape, read_solid, volume_iou
+from objgraph.work import Workers, spread
 
 log = logging.getLogger(__name__)
 
@@ -169,7 +169,7 @@ def _rows(
         partial(evaluate_mesh, prior, path, name, config)
         for path, name in zip(meshes.paths, meshes.names, strict=True)
     ]
-    for place, row in spread(works, jobs):
+    for place, row in spread(works, Workers(jobs)):
         yield row if isinstance(row, ShapeRow) else ShapeRow(meshes.names[place], error=_words(row))
 
 

@@ -9,8 +9,8 @@ from jaxtyping import Float
 from objgraph.errors import EvaluationError, SolveError
 from objgraph.priors.mesh import extract_mesh
 from objgraph.priors.shape_prior import ShapePrior
-from objgraph.processes import process_pool
 from objgraph.training.joined import WHOLE, pieces
+from objgraph.work import process_pool
 
 BOX_TOLERANCE = 0.03
 """Of an edge of the box, by which the shape of a code that fills it may differ."""

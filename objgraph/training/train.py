@@ -23,13 +23,13 @@ from factors.code_mixture import CodeMixture
 from factors.decoder import Decoder, DecoderConfig
 from objgraph.errors import ConfigError, PriorError
 from objgraph.priors.tensors import load_tensors, save_tensors
-from objgraph.processes import threads
 from objgraph.training.box_frame import BoxFrame
 from objgraph.training.checkpoint import AutoDecoder, pack, unpack
 from objgraph.training.corpus import Corpus, CorpusConfig
 from objgraph.training.losses import LossConfig, sample_errors
 from objgraph.training.samples import SampleConfig, SdfSamples
 from objgraph.training.train_guess import TrainGuessConfig
+from objgraph.work import threads
 
 log = logging.getLogger(__name__)
 

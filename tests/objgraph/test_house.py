@@ -40,6 +40,7 @@ CORE = (
     "priors",
     "slam",
     "trust",
+    "work",
 )
 AROUND = (
     "bench",

@@ -18,6 +18,7 @@ from objgraph.bench.comparison.running.store import SETTINGS
 from objgraph.errors import EvaluationError
 from objgraph.estimate.graph import GraphEstimator
 from objgraph.graph.initialise import FirstStates
+from objgraph.work import Workers
 from tests.objgraph.bench.comparison_fakes import (
     FAST,
     THIN,
@@ -169,7 +170,7 @@ def test_processes_give_what_one_process_gives_and_one_that_dies_is_told(tmp_pat
     comparison = toy_comparison(tmp_path / "two", methods=("near", "fails", "far"), cases=3)
     dying = FakeSource((*map(FakeCase, range(3)), FakeCase(7, fault="dies")))
     with pytest.raises(EvaluationError, match=r"at .*chair-7 with 1 view.* died"):
-        compare(replace(comparison, source=dying), processes=2)
+        compare(replace(comparison, source=dying), workers=Workers(2))
     done = (comparison.out / ROWS).read_text().splitlines()
     assert len(done) == 18  # all but the one's
     two = compare(comparison)

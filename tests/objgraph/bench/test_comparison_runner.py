@@ -15,6 +15,7 @@ import torch
 
 from objgraph.bench.comparison.running.runner import run
 from objgraph.errors import EvaluationError
+from objgraph.work import Workers
 from tests.conftest import REPOSITORY
 
 
@@ -49,7 +50,7 @@ class Told:
 
 @pytest.mark.parametrize("processes", [1, 2])
 def test_all_jobs_are_run_with_one_thread_each(processes):
-    rows = list(run([Count(name) for name in "abc"], processes))
+    rows = list(run([Count(name) for name in "abc"], Workers(processes)))
     assert sorted(name for name, *_ in rows) == [*"aabbcc"]
     assert {threads for _, threads, _ in rows} == {1}
     assert (os.getpid() in {process for *_, process in rows}) == (processes == 1)
@@ -60,14 +61,14 @@ def test_a_process_that_dies_is_told_after_the_rows_of_all_others():
     jobs = [Count("a"), Count("b", "dies"), Count("c"), Count("d", "dies")]
     rows = []
     with pytest.raises(EvaluationError, match=r"at b and one at d died.*the same command goes on"):
-        rows.extend(name for name, *_ in run(jobs, 2))  # extend keeps what came before the error
+        rows.extend(name for name, *_ in run(jobs, Workers(2)))  # extend keeps what came before the error
     assert sorted(rows) == ["a", "a", "c", "c"]
     assert not active_children()
 
 
 def test_what_is_in_progress_is_not_waited_for_when_it_is_stopped():
     begun = time.monotonic()
-    with closing(run([Count("a"), Count("b", "waits"), Count("c", "waits")], 2)) as rows:
+    with closing(run([Count("a"), Count("b", "waits"), Count("c", "waits")], Workers(2))) as rows:
         assert next(rows)[0] == "a"
     assert time.monotonic() - begun < 120
     assert not active_children()
@@ -78,8 +79,9 @@ def test_nothing_outlives_a_parent_that_is_killed(tmp_path):
     script = (
         "from tests.objgraph.bench.test_comparison_runner import Told\n"
         "from objgraph.bench.comparison.running.runner import run\n"
+        "from objgraph.work import Workers\n"
         "if __name__ == '__main__':\n"
-        f"    list(run([Told(name, {str(tmp_path)!r}) for name in 'ab'], 2))\n"
+        f"    list(run([Told(name, {str(tmp_path)!r}) for name in 'ab'], Workers(2)))\n"
     )
     (tmp_path / "parent.py").write_text(script)
     parent = subprocess.Popen(

@@ -106,7 +106,7 @@ def options_of(verb: str, flag: str, capsys) -> set[str]:
     with pytest.raises(SystemExit) as caught:
         main([verb, flag])
     assert caught.value.code == 0
-    return set(re.findall(r"^[│ ]+(--[a-z0-9.-]+)", capsys.readouterr().out, flags=re.MULTILINE))
+    return set(re.findall(r"^[│ ]+(--[a-z][a-z0-9.-]*)", capsys.readouterr().out, flags=re.MULTILINE))
 
 
 @pytest.mark.parametrize("verb", ["map", "train", "train-guess", "evaluate-prior"])

@@ -111,9 +111,9 @@ def test_settings_of_a_lidar_are_its_own_and_those_of_a_camera_are_refused(tmp_p
     street = ensure_street(tmp_path, StreetConfig(frames=1, cars=2))
     out, file = tmp_path / "out", tmp_path / "settings.json"
     arguments = ["map", "--dataset", "kitti", "--root", str(street), "--out", str(out)]
-    task = {"detector": {"position": 0.2}, "sampling": {"free": 40}}
+    task = {"detector": {"position": 0.2}, "sampling": {"free": 40, "points": 250}}
     file.write_text(json.dumps({"settings": {"task": task, "graph": {"floor_sigma": 0.1}, "seed": 1}}))
-    given = ["--config", str(file), "--seed", "3", "--mesh-resolution", "32", "--points", "250"]
+    given = ["--config", str(file), "--seed", "3", "--mesh-resolution", "32"]
     assert main([*arguments, *given]) == 0
     document = json.loads((out / "config.json").read_text())
     used = document["settings"]

@@ -26,6 +26,7 @@ from objgraph.maps.lidar_task import ROADS, LidarTaskConfig, task_of
 from objgraph.observation.lidar.frame import LidarFrame
 from objgraph.observation.lidar.observe import LidarSamplingConfig
 from objgraph.priors.mesh import extract_mesh
+from objgraph.work import HERE, Workers
 
 KITTI = "kitti"
 """The data set's name."""
@@ -83,7 +84,7 @@ class FrameJob:
 
 def compare_boxes(
     comparison: LidarComparison,
-    processes: int = 1,
+    workers: Workers = HERE,
     retry_failed: bool = False,
     version: str = "",
     tell: Tell | None = None,
@@ -110,7 +111,7 @@ def compare_boxes(
             if (each, name) in left
         ]
 
-    return complete(comparison.out / ROWS, BoxRow, wanted, settings, jobs, processes, retry_failed, tell)
+    return complete(comparison.out / ROWS, BoxRow, wanted, settings, jobs, workers, retry_failed, tell)
 
 
 def row_settings(comparison: LidarComparison, name: str) -> dict[str, Any]:

@@ -15,6 +15,7 @@ from objgraph.bench.comparison.objects.measure import Job
 from objgraph.bench.comparison.objects.rows import SHARED, Key, ObjectRow, csv_text, method_and_start
 from objgraph.bench.comparison.running.store import Tell, complete, digest, write_text
 from objgraph.errors import EvaluationError
+from objgraph.work import HERE, Workers
 
 log = logging.getLogger(__name__)
 
@@ -37,7 +38,7 @@ class Comparison:
 
 def compare(
     comparison: Comparison,
-    processes: int = 1,
+    workers: Workers = HERE,
     retry_failed: bool = False,
     version: str = "",
     tell: Tell | None = None,
@@ -79,7 +80,7 @@ def compare(
             if (case.id, views) in left
         ]  # fmt: skip
 
-    rows = complete(comparison.out / ROWS, ObjectRow, wanted, settings, jobs, processes, retry_failed, tell)
+    rows = complete(comparison.out / ROWS, ObjectRow, wanted, settings, jobs, workers, retry_failed, tell)
     write_text(csv_text(rows), comparison.out / CSV)
     if apart := starts_apart(rows):
         log.warning(

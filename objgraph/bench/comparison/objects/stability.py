@@ -11,6 +11,7 @@ import numpy as np
 from objgraph.bench.comparison.objects.compare import Comparison, compare
 from objgraph.bench.comparison.objects.rows import ObjectRow
 from objgraph.bench.comparison.running.store import Tell
+from objgraph.work import HERE, Workers
 
 SEEDS = 5
 """Of sampling, with one thread; the first of them once more with two."""
@@ -28,7 +29,7 @@ MEASURED = (
 
 
 def compare_again(
-    comparison: Comparison, processes: int = 1, version: str = "", tell: Tell | None = None
+    comparison: Comparison, workers: Workers = HERE, version: str = "", tell: Tell | None = None
 ) -> list[list[ObjectRow]]:
     """The rows of every run, in folders of their own under the comparison's. Raises as `compare` does."""
     runs = [(k, 1) for k in range(SEEDS)] + [(0, 2)]
@@ -36,7 +37,7 @@ def compare_again(
     for k, threads in runs:
         config = replace(comparison.config, seed=comparison.config.seed + k, threads=threads)
         folder = comparison.out / f"again-{k}-{threads}"
-        found.append(compare(replace(comparison, out=folder, config=config), processes, False, version, tell))
+        found.append(compare(replace(comparison, out=folder, config=config), workers, False, version, tell))
     return found
 
 

@@ -5,7 +5,7 @@ from functools import partial
 from typing import Protocol, TypeVar
 
 from objgraph.errors import EvaluationError, ProcessError
-from objgraph.processes import spread, threads
+from objgraph.work import HERE, Workers, spread, threads
 
 Row = TypeVar("Row")
 Made = TypeVar("Made", covariant=True)
@@ -24,7 +24,7 @@ class Job(Protocol[Made]):
         ...
 
 
-def run(jobs: Sequence[Job[Row]], processes: int = 1) -> Generator[Row, None, None]:
+def run(jobs: Sequence[Job[Row]], workers: Workers = HERE) -> Generator[Row, None, None]:
     """The rows of all jobs, as they are done; of several processes those of a job come together, at its end.
 
     Each process uses one thread. Stopped (by Ctrl-C, or by closing this) it does not wait for what is in progress.
@@ -32,13 +32,13 @@ def run(jobs: Sequence[Job[Row]], processes: int = 1) -> Generator[Row, None, No
     Raises:
         EvaluationError: the process of some job died; the rows of all other jobs have been handed over.
     """
-    if processes == 1 or len(jobs) < 2:
+    if workers.is_here or len(jobs) < 2:
         for job in jobs:
             with threads(1):
                 yield from job.rows()
         return
     died = []
-    for place, rows in spread([partial(_rows, job) for job in jobs], min(processes, len(jobs))):
+    for place, rows in spread([partial(_rows, job) for job in jobs], workers):
         if isinstance(rows, ProcessError):
             died.append(jobs[place].name)
         else:

@@ -14,6 +14,7 @@ from objgraph.atomic import write_file
 from objgraph.bench.comparison.running.runner import Job, run
 from objgraph.checked import fits, parse_json, typed
 from objgraph.errors import EvaluationError
+from objgraph.work import HERE, Workers
 
 log = logging.getLogger(__name__)
 
@@ -121,7 +122,7 @@ def complete(
     wanted: Sequence[tuple[Any, ...]],
     settings: Mapping[Any, Mapping[str, Any]],
     jobs: Callable[[Sequence[tuple[Any, ...]]], Sequence[Job[R]]],
-    processes: int = 1,
+    workers: Workers = HERE,
     retry_failed: bool = False,
     tell: Tell | None = None,
 ) -> list[R]:
@@ -141,7 +142,7 @@ def complete(
         ]
         done = set(wanted).difference(missing)
         tell("estimating", len(done), len(wanted))
-        for row in run(jobs(missing), processes):
+        for row in run(jobs(missing), workers):
             file.append(row)
             if row.failure is not None:
                 log.warning("%s of %s failed: %s", row.method, row.what, row.failure)

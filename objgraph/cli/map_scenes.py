@@ -1,0 +1,111 @@
+"""`objgraph map --scenes`: many scans, each into a folder of its own."""
+
+import json
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from io import StringIO
+from pathlib import Path
+
+from rich.console import Console
+
+from objgraph.cli.map import MapCommand, jobs_of, run_map, run_of
+from objgraph.cli.progress import progress
+from objgraph.cli.run_config import CONFIG, LIDAR_DATASETS, MapRun, root_of
+from objgraph.datasets.registry import lidar_frames, scenes
+from objgraph.errors import DatasetError, MapError, ObjectGraphError
+from objgraph.show.report import REPORT
+from objgraph.work import Workers, spread
+
+ALL = "all"
+
+
+@dataclass(frozen=True)
+class _Done:
+    """What came of a scan."""
+
+    mapped: int
+    objects: int
+    seconds: float
+
+
+def run_map_scenes(command: MapCommand, console: Console) -> None:
+    """Map every scan of `command.scenes` that has no page yet; one that fails stops no other.
+
+    Raises:
+        DatasetError: the scans cannot be listed, or a name is none that a folder can have.
+        MapError: some scans failed, which are named; or a folder holds a map that other settings made.
+        ProcessError: there is no Ray cluster.
+    """
+    run = run_of(command)
+    names = _names(command, run)
+    left = [name for name in names if not _is_done(command.out / name, run, name)]
+    works = [
+        partial(_mapped, replace(command, scene=name, scenes=None, out=command.out / name)) for name in left
+    ]
+    failed: list[str] = []
+    with progress(console) as tell:
+        tell("mapping scans", len(names) - len(left), len(names))
+        found = spread(works, Workers(min(jobs_of(command), max(len(left), 1)), command.engine))
+        for count, (place, result) in enumerate(found, len(names) - len(left) + 1):
+            if isinstance(result, _Done):
+                said = f"{result.mapped} of {result.objects} objects in {result.seconds:.0f} s"
+            else:
+                failed.append(left[place])
+                said = f"failed: {result}"
+            console.print(f"{left[place]}: {said}", markup=False, highlight=False, soft_wrap=True)
+            tell("mapping scans", count, len(names))
+    console.print(
+        f"{len(names) - len(failed)} of {len(names)} scans are mapped in {command.out}", soft_wrap=True
+    )
+    if failed:
+        raise MapError(
+            f"{len(failed)} of {len(names)} scans failed: {', '.join(failed)}; the same command tries them again"
+        )
+
+
+def _names(command: MapCommand, run: MapRun) -> Sequence[str]:
+    if command.scene is not None:
+        raise DatasetError("--scene names one scan, --scenes many: give one of them")
+    if command.scenes == ALL:
+        dataset, root = run.source.dataset, root_of(run.source)
+        listed = lidar_frames if dataset in LIDAR_DATASETS else scenes
+        names = listed(dataset, root)
+    else:
+        assert command.scenes is not None
+        try:
+            names = Path(command.scenes).read_text(encoding="utf-8").split()
+        except (OSError, UnicodeError) as error:
+            raise DatasetError(
+                f"--scenes takes '{ALL}' or a file of names, not {command.scenes} ({error})"
+            ) from error
+    if not names:
+        raise DatasetError(f"--scenes {command.scenes}: there is no scan")
+    if wrong := [name for name in names if Path(name).is_absolute() or ".." in Path(name).parts]:
+        raise DatasetError(f"--scenes: '{wrong[0]}' is no name of a scan that a folder of its own could have")
+    return list(dict.fromkeys(names))
+
+
+def _is_done(folder: Path, run: MapRun, name: str) -> bool:
+    """Whether its page, which is written last, is there; raises MapError where other settings made it."""
+    if not (folder / REPORT).is_file():
+        return False
+    try:
+        known = json.loads((folder / CONFIG).read_bytes())
+    except (OSError, ValueError):
+        return False
+    wanted = json.loads(replace(run, source=replace(run.source, scene=name)).text())
+    if other := [key for key in wanted if key != "objgraph" and known.get(key) != wanted[key]]:
+        raise MapError(f"{folder} holds a map of other {', '.join(other)}: give another --out, or delete it")
+    return True
+
+
+def _mapped(command: MapCommand) -> _Done | ObjectGraphError:
+    """One scan, in whatever process this is; its table goes nowhere, its page is in its folder."""
+    begun = time.perf_counter()
+    try:
+        found = run_map(replace(command, jobs=1, engine="local"), Console(file=StringIO()))
+    except ObjectGraphError as error:
+        return error
+    return _Done(len(found.mapped), len(found.objects), time.perf_counter() - begun)

@@ -1,0 +1,93 @@
+"""Processes of this machine that do not outlive their parent, and whose death is told."""
+
+import logging
+from collections.abc import Callable, Generator, Iterable, Iterator
+from concurrent.futures import Future, ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
+from functools import partial
+from multiprocessing import active_children, get_context
+from typing import Literal, TypeVar
+
+from objgraph.errors import ObjectGraphError, ProcessError
+from objgraph.work.worker import begin_worker, heard, listen
+
+log = logging.getLogger(__name__)
+
+Result = TypeVar("Result")
+
+
+def spread_over_processes(
+    works: Iterable[Callable[[], Result]], jobs: int
+) -> Generator[tuple[int, Result | ProcessError], None, None]:
+    """What `objgraph.work.spread` gives, made by so many processes of this machine."""
+    left: dict[int, Callable[[], Result]] = {}
+    yield from _in_processes(enumerate(works), jobs, left)
+    if left:
+        log.warning("a process died, perhaps for want of memory: what is left is done one at a time")
+    while left:  # so the piece that a process dies at is known
+        yield from _in_processes(list(left.items()), 1, left)
+        if left:
+            place = next(iter(left))
+            del left[place]
+            yield place, ProcessError("its process died, perhaps for want of memory; fewer --jobs need less")
+
+
+def _in_processes(
+    pieces: Iterable[tuple[int, Callable[[], Result]]], jobs: int, left: dict[int, Callable[[], Result]]
+) -> Iterator[tuple[int, Result]]:
+    """Results of the pieces; those that a process's death has left undone stay in `left`."""
+    level = logging.getLogger("objgraph").getEffectiveLevel()
+    with process_pool(jobs, ProcessError, begin=partial(listen, level)) as pool:
+        places: dict[Future[tuple[Result, list[logging.LogRecord]]], int] = {}
+        for place, work in pieces:
+            left[place] = work
+            try:
+                places[pool.submit(heard, work)] = place
+            except BrokenProcessPool:
+                continue
+        for future in as_completed(places):
+            if isinstance(future.exception(), BrokenProcessPool):
+                continue
+            result, records = future.result()
+            for record in records:
+                logging.getLogger(record.name).handle(record)
+            del left[places[future]]
+            yield places[future], result
+
+
+@contextmanager
+def process_pool(
+    jobs: int,
+    error: type[ObjectGraphError],
+    start: Literal["spawn", "fork"] = "spawn",
+    begin: Callable[[], None] | None = None,
+) -> Iterator[ProcessPoolExecutor]:
+    """A pool of single-threaded processes; stopped (by Ctrl-C, or by an error) it does not wait for what is in progress.
+
+    `begin` is called first in each; what it holds is not sent to forked ones.
+
+    Raises:
+        error: a process died.
+    """
+    others = set(active_children())
+    pool = ProcessPoolExecutor(jobs, get_context(start), _begin, (begin,))
+    try:
+        yield pool
+    except BaseException as problem:
+        for worker in set(active_children()) - others:
+            worker.terminate()
+        if isinstance(problem, BrokenProcessPool):
+            raise error(
+                "a process died, perhaps for want of memory: the same command goes on from here, with fewer --jobs it "
+                "needs less"
+            ) from problem
+        raise
+    finally:
+        pool.shutdown(cancel_futures=True)
+
+
+def _begin(further: Callable[[], None] | None) -> None:
+    begin_worker()
+    if further is not None:
+        further()

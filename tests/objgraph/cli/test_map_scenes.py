@@ -1,0 +1,102 @@
+"""`objgraph map --scenes`: many scans in folders of their own, by whatever engine, and again from where it was."""
+
+import json
+import shutil
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from objgraph.cli.main import main
+from objgraph.datasets import scannet
+from objgraph.observation.frames import Scan
+from objgraph.synthetic.camera import CameraConfig
+from objgraph.synthetic.sample import SampleConfig, generate_sample
+from tests.objgraph.datasets.dataset_folders import write_plain_folder
+
+SAMPLE = SampleConfig(camera=CameraConfig(frames=4, width=160, height=120))
+FEW = ["--views", "1", "--mesh-resolution", "16", "--min-pixels", "40"]
+NOTHING = ["--views", "1", "--min-pixels", "99999"]
+"""Every object fails at once."""
+
+
+@pytest.fixture(scope="module")
+def scans(tmp_path_factory) -> Path:
+    """Two scans of one chair, and one without a depth image."""
+    root = tmp_path_factory.mktemp("scans")
+    whole = scannet.load(generate_sample(root / "sample", SAMPLE) / "scannet")
+    chair = next(each for each in whole.instances if each.category == "chair")
+    for name in ("a", "b", "c"):
+        write_plain_folder(root / "all" / name, Scan(name, whole.frames, (chair,), whole.up_world))
+    for path in (root / "all" / "c" / "depth").iterdir():
+        path.unlink()
+    return root / "all"
+
+
+def run(root: Path, out: Path, *options: str) -> int:
+    return main(["map", "--dataset", "folder", "--root", str(root), "--out", str(out), *options])
+
+
+def without_times(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {k: without_times(v) for k, v in value.items() if not k.startswith("seconds")}
+    return [without_times(v) for v in value] if isinstance(value, list) else value
+
+
+def document(folder: Path) -> str:
+    return json.dumps(without_times(json.loads((folder / "map.json").read_bytes())))
+
+
+def test_maps_are_the_same_by_one_process_by_two_and_by_ray(scans, tmp_path, capsys):
+    pytest.importorskip("ray", reason="the package ray is not installed (pip install 'objgraph[ray]')")
+    listed = tmp_path / "scenes.txt"
+    listed.write_text("a\nb\n")
+    ways = {"one": ["--jobs", "1"], "two": ["--jobs", "2"], "ray": ["--jobs", "2", "--engine", "ray"]}
+    for name, options in ways.items():
+        assert run(scans, tmp_path / name, "--scenes", str(listed), *FEW, *options) == 0
+        assert "2 of 2 scans are mapped" in capsys.readouterr().out
+    for scene in ("a", "b"):
+        assert (
+            json.loads((tmp_path / "one" / scene / "map.json").read_bytes())["objects"][0]["status"]
+            == "mapped"
+        )
+        assert len({document(tmp_path / name / scene) for name in ways}) == 1
+
+
+def test_a_scan_that_fails_stops_no_other_and_is_tried_again(scans, tmp_path, capsys):
+    root, out = tmp_path / "scans", tmp_path / "maps"
+    shutil.copytree(scans, root)
+    every = ["--scenes", "all", "--jobs", "1", *NOTHING]
+    assert run(root, out, *every) == 1
+    said = capsys.readouterr()
+    assert "c: failed: " in said.out
+    assert "1 of 3 scans failed: c" in said.err
+    assert sorted(path.name for path in out.iterdir()) == ["a", "b"]
+    # the other two are left as they are, and the third is mapped once it can be
+    before = {name: (out / name / "map.json").stat().st_mtime_ns for name in ("a", "b")}
+    for path in (root / "a" / "depth").iterdir():
+        shutil.copy(path, root / "c" / "depth")
+    assert run(root, out, *every) == 0
+    assert {name: (out / name / "map.json").stat().st_mtime_ns for name in before} == before
+    assert (out / "c" / "report.html").is_file()
+    # maps of other settings are not taken for these
+    assert run(root, out, *every, "--seed", "9") == 1
+    assert "holds a map of other settings" in capsys.readouterr().err.replace("\n", "")
+
+
+@pytest.mark.parametrize(
+    ("options", "problem"),
+    [
+        (["--scenes", "nofile"], "--scenes takes 'all' or a file of names"),
+        (["--scenes", "EMPTY"], "there is no scan"),
+        (["--scenes", "UP"], "'../a' is no name of a scan"),
+        (["--scenes", "all", "--scene", "a"], "--scene names one scan, --scenes many"),
+    ],
+)
+def test_what_is_no_list_of_scans_is_told(options, problem, scans, tmp_path, capsys):
+    (tmp_path / "EMPTY").write_text("\n")
+    (tmp_path / "UP").write_text("../a\n")
+    options = [str(tmp_path / word) if word in ("EMPTY", "UP") else word for word in options]
+    assert run(scans, tmp_path / "out", *options) == 1
+    assert problem in capsys.readouterr().err.replace("\n", "")
+    assert not (tmp_path / "out").exists()

@@ -1,0 +1,85 @@
+"""Pools whose processes' death is told, and which do not wait for what nobody wants any more."""
+
+import logging
+import os
+import time
+from functools import partial
+from multiprocessing import active_children
+
+import pytest
+import torch
+
+from objgraph.errors import PriorError, ProcessError
+from objgraph.work import Workers, process_pool, spread
+
+
+def worked(what: str) -> str:
+    if what == "die":
+        os._exit(3)
+    if what == "wait":
+        time.sleep(600)
+    if what == "fail":
+        raise ValueError("mistake")
+    return what
+
+
+def told(i: int) -> tuple[int, int]:
+    logging.getLogger("objgraph.told").info("piece %d", i)
+    return 10 * i, torch.get_num_threads()
+
+
+@pytest.mark.parametrize("start", ["spawn", "fork"])
+def test_a_process_that_dies_is_told_in_a_line(start):
+    def work() -> None:
+        with process_pool(1, PriorError, start) as pool:
+            list(pool.map(worked, ["a", "die", "b"]))
+
+    with pytest.raises(PriorError, match="a process died"):
+        work()
+    assert not active_children()
+
+
+def test_a_mistake_does_not_wait_for_what_is_in_progress():
+    def fail() -> None:
+        with process_pool(1, PriorError, "fork") as pool:
+            pool.submit(worked, "wait")
+            raise ValueError("mistake")
+
+    with pytest.raises(ValueError, match="mistake"):
+        fail()
+    assert not active_children()
+
+
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_work_is_the_same_in_however_many_processes(jobs, caplog):
+    before = torch.get_num_threads()
+    with caplog.at_level(logging.INFO, "objgraph"):
+        found = dict(spread((partial(told, i) for i in range(5)), Workers(jobs)))
+    assert found == {i: (10 * i, 1) for i in range(5)}  # one thread each
+    assert torch.get_num_threads() == before
+    assert {r.getMessage() for r in caplog.records if r.name == "objgraph.told"} == {
+        f"piece {i}" for i in range(5)
+    }
+    assert not active_children()
+
+
+def test_a_process_that_dies_costs_its_piece_alone(caplog):
+    found = dict(spread([partial(worked, what) for what in ["a", "die", "b", "die", "c"]], Workers(2)))
+    assert {place: what for place, what in found.items() if isinstance(what, str)} == {0: "a", 2: "b", 4: "c"}
+    assert all(isinstance(found[place], ProcessError) for place in (1, 3))
+    assert len(found) == 5
+    assert "a process died" in caplog.text
+
+
+def test_an_error_in_a_process_is_raised_here_and_ends_the_others():
+    works = [partial(worked, "wait"), partial(worked, "fail")]
+    with pytest.raises(ValueError, match="mistake"):
+        dict(spread(works, Workers(2)))
+    assert not active_children()
+
+
+def test_work_that_nobody_wants_any_more_is_left():
+    found = spread([partial(worked, "a"), partial(worked, "wait")], Workers(2))
+    assert next(found) == (0, "a")
+    found.close()
+    assert not active_children()
