@@ -4,11 +4,16 @@
 """
 
 from functools import cache
-from typing import Any
+from typing import Any, Literal
 
 import torch
 from jaxtyping import Float
 from torch import Tensor, nn
+
+Activation = Literal["none", "relu", "silu", "softplus"]
+_ACTIVATIONS = {"relu": nn.functional.relu, "silu": nn.functional.silu, "softplus": nn.functional.softplus}
+_FUSED: tuple[Activation, ...] = ("none", "relu")
+"""What oneDNN applies while it writes a product, to the bit as torch does."""
 
 
 @cache
@@ -22,36 +27,52 @@ def _has_onednn() -> bool:
     )
     try:
         return all(
-            torch.allclose(_product(x, weight, b), nn.functional.linear(x, weight, b), atol=1e-5)
+            torch.allclose(
+                _product(x, weight, b, name), activated(nn.functional.linear(x, weight, b), name), atol=1e-5
+            )
             for b in (bias, None)
+            for name in _FUSED
         )
     except Exception:  # whatever another release makes of the call
         return False
 
 
 def affine(
-    x: Float[Tensor, "n i"], weight: Float[Tensor, "o i"], bias: Float[Tensor, "o"] | None = None
+    x: Float[Tensor, "n i"],
+    weight: Float[Tensor, "o i"],
+    bias: Float[Tensor, "o"] | None = None,
+    activation: Activation = "none",
 ) -> Float[Tensor, "n o"]:
-    """`nn.functional.linear`."""
+    """`nn.functional.linear`, and an activation of it."""
     plain = x.device.type == "cpu" and x.dtype == torch.float32 and not torch.is_autocast_enabled("cpu")
     if not (plain and len(x) and _has_onednn()):
-        return nn.functional.linear(x, weight, bias)
+        return activated(nn.functional.linear(x, weight, bias), activation)
     given = (x, weight) if bias is None else (x, weight, bias)
     if torch.is_grad_enabled() and any(each.requires_grad for each in given):
-        return _Affine.apply(x, weight, bias)
-    return _product(x, weight, bias)
+        return activated(_Affine.apply(x, weight, bias), activation)
+    if activation not in _FUSED:
+        return activated(_product(x, weight, bias), activation)
+    return _product(x, weight, bias, activation)
+
+
+def activated(x: Float[Tensor, "n o"], activation: Activation) -> Float[Tensor, "n o"]:
+    """The activation of each entry."""
+    return x if activation == "none" else _ACTIVATIONS[activation](x)
 
 
 def through(
-    layer: nn.Module, x: Float[Tensor, "n i"], bias: Float[Tensor, "o"] | None = None
+    layer: nn.Module,
+    x: Float[Tensor, "n i"],
+    bias: Float[Tensor, "o"] | None = None,
+    activation: Activation = "none",
 ) -> Float[Tensor, "n o"]:
     """`affine` by a linear layer's weights, and by its own bias unless another is given."""
     assert isinstance(layer, nn.Linear)
-    return affine(x, layer.weight, layer.bias if bias is None else bias)
+    return affine(x, layer.weight, layer.bias if bias is None else bias, activation)
 
 
-def _product(x: Tensor, weight: Tensor, bias: Tensor | None) -> Tensor:
-    return torch.ops.mkldnn._linear_pointwise(x, weight, bias, "none", [], "")
+def _product(x: Tensor, weight: Tensor, bias: Tensor | None, activation: Activation = "none") -> Tensor:
+    return torch.ops.mkldnn._linear_pointwise(x, weight, bias, activation, [], "")
 
 
 class _Affine(torch.autograd.Function):

@@ -70,6 +70,10 @@ def _stack(
 ) -> tuple[Float[Tensor, "n 3"], Float[Tensor, "b l"], Int[Tensor, "n"], list[int]]:
     sizes = [len(query.p_object) for _, query in batch]
     points = torch.cat([query.p_object for _, query in batch])
-    codes = torch.stack([query.code for _, query in batch])
-    owner = torch.repeat_interleave(torch.arange(len(batch)), torch.tensor(sizes)).to(points.device)
-    return points, codes, owner, sizes
+    codes, owners = [], []
+    for _, query in batch:  # factors of one object follow each other
+        if not codes or not torch.equal(codes[-1], query.code):
+            codes.append(query.code)
+        owners.append(len(codes) - 1)
+    owner = torch.repeat_interleave(torch.tensor(owners), torch.tensor(sizes)).to(points.device)
+    return points, torch.stack(codes), owner, sizes

@@ -5,6 +5,7 @@ factors use jump between pieces; smooth activations are there for those who want
 """
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Literal
 
@@ -13,11 +14,9 @@ from jaxtyping import Float
 from torch import Tensor, nn
 
 from factors import checks
-from factors.affine import affine, through
+from factors.affine import activated, affine, through
 from factors.errors import FactorError
 from factors.sdf_decoder import LinearInjection
-
-_ACTIVATIONS = {"silu": nn.functional.silu, "relu": nn.functional.relu, "softplus": nn.functional.softplus}
 
 
 @dataclass(frozen=True)
@@ -98,44 +97,45 @@ class Decoder(LinearInjection):
         return {layer: weight @ d for layer, weight in super()._d_enter(h).items()}
 
     def _network(
-        self, points: Float[Tensor, "n 3"], injected: dict[str, Float[Tensor, "n w"]]
+        self, points: Float[Tensor, "n 3"], injected: dict[str, Float[Tensor, "m w"]]
     ) -> Float[Tensor, "n"]:
-        activation, features, h = _ACTIVATIONS[self.config.activation], self._features(points), None
-        for i in range(self.config.depth):
-            h = activation(self._before(i, h, features, injected))
-        return self.output(h).squeeze(-1)
+        *_, last = self._layers(self._features(points), injected)
+        return through(self.output, last).squeeze(-1)
 
-    def _before(
-        self,
-        layer: int,
-        h: Float[Tensor, "n w"] | None,
-        features: Float[Tensor, "n f"],
-        injected: dict[str, Float[Tensor, "n w"]],
-    ) -> Float[Tensor, "n w"]:
-        """What a hidden layer's activation is given, a tensor of its own."""
-        entry, parts = str(layer), []
-        if h is not None:
-            parts.append(through(self.hidden[layer - 1], h))
-        if entry in self.from_point:
-            parts.append(through(self.from_point[entry], features))
-        if entry in injected:
-            parts.append(injected[entry])
-        total, *more = parts
-        for part in more:
-            total += part  # in place: it is a product of its own
-        return total
+    def _layers(
+        self, features: Float[Tensor, "n f"], injected: dict[str, Float[Tensor, "m w"]]
+    ) -> Iterator[Float[Tensor, "n w"]]:
+        """Each hidden layer's values."""
+        h, activation = None, self.config.activation
+        for layer in range(self.config.depth):
+            given = [] if h is None else [(self.hidden[layer - 1], h)]
+            if (entry := str(layer)) in self.from_point:
+                given.append((self.from_point[entry], features))
+            linears = [(linear, x) for linear, x in given if isinstance(linear, nn.Linear)]
+            biases: list[Tensor] = [linear.bias for linear, _ in linears if linear.bias is not None]
+            rows = injected.get(entry)
+            if rows is not None and len(rows) == 1:  # the same for all points: a bias more
+                biases, rows = [*biases, rows[0]], None
+            bias = torch.stack(biases).sum(dim=0) if len(biases) > 1 else biases[0] if biases else None
+            (linear, x), *others = linears
+            if not others and rows is None:
+                h = affine(x, linear.weight, bias, activation)
+            else:
+                h = affine(x, linear.weight, bias)
+                for linear, x in others:
+                    h += affine(x, linear.weight)  # in place: it is a product of its own
+                h = activated(h if rows is None else h + rows, activation)
+            yield h
 
     def _linearize(
-        self, points: Float[Tensor, "n 3"], injected: dict[str, Float[Tensor, "n w"]]
+        self, points: Float[Tensor, "n 3"], injected: dict[str, Float[Tensor, "m w"]]
     ) -> tuple[Float[Tensor, "n"], Float[Tensor, "n 3"], dict[str, Float[Tensor, "n w"]]]:
         """By hand where the activation's derivative is seen from its value: autograd takes half as long again."""
         if self.config.activation != "relu" or type(self)._network is not Decoder._network:
             return super()._linearize(points, injected)
         features = self._features(points)
-        layers: list[Tensor] = []
-        for i in range(self.config.depth):
-            layers.append(self._before(i, layers[-1] if i else None, features, injected).relu_())
-        value = self.output(layers[-1]).squeeze(-1)
+        layers = [*self._layers(features, injected)]
+        value = through(self.output, layers[-1]).squeeze(-1)
         d_layer, d_features, d_injected = self.output.weight.expand(len(points), -1), 0.0, {}
         for i in reversed(range(self.config.depth)):
             d_layer = torch.ops.aten.threshold_backward(d_layer, layers[i], 0)

@@ -85,7 +85,7 @@ class DeepSdfDecoder(LinearInjection):
         return self.bias[0]
 
     def _network(
-        self, points: Float[Tensor, "n 3"], injected: dict[str, Float[Tensor, "n w"]]
+        self, points: Float[Tensor, "n 3"], injected: dict[str, Float[Tensor, "m w"]]
     ) -> Float[Tensor, "n"]:
         points = points * self.config.unit
         h = points

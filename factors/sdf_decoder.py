@@ -59,9 +59,9 @@ class SdfDecoder(nn.Module, ABC):
 
     @abstractmethod
     def _network(
-        self, points: Float[Tensor, "n 3"], injected: dict[str, Float[Tensor, "n w"]]
+        self, points: Float[Tensor, "n 3"], injected: dict[str, Float[Tensor, "m w"]]
     ) -> Float[Tensor, "n"]:
-        """Signed distances, in canonical units."""
+        """Signed distances, in canonical units; m is n, or one for all points."""
 
     def forward(
         self,
@@ -79,9 +79,7 @@ class SdfDecoder(nn.Module, ABC):
         self._check(codes, owner)
         entered = self._enter(codes)
         at_once = len(points) if torch.is_grad_enabled() else _IN_CACHE
-        parts = [
-            self._network(p, _owned(entered, o, len(p)))[:n] for n, p, o in _pieces(points, owner, at_once)
-        ]
+        parts = [self._network(p, _owned(entered, o))[:n] for n, p, o in _pieces(points, owner, at_once)]
         return parts[0] if len(parts) == 1 else torch.cat(parts)
 
     def in_blocks(self, points: Float[Tensor, "b k 3"], codes: Float[Tensor, "b l"]) -> Float[Tensor, "b k"]:
@@ -107,19 +105,22 @@ class SdfDecoder(nn.Module, ABC):
         self._check(codes, owner)
         with torch.no_grad():
             entered, d_entered = self._enter(codes.detach()), self._d_enter(codes.detach())
-            per_code = torch.cat(list(d_entered.values()), dim=1)
+            to_code = {layer: each.transpose(1, 2).contiguous() for layer, each in d_entered.items()}
             parts = []
             for n, p, o in _pieces(points, owner, _IN_CACHE):
-                value, d_point, d_injected = self._linearize(p.detach(), _owned(entered, o, len(p)))
-                d_rows = torch.cat([d_injected[layer] for layer in d_entered], dim=1)
-                parts.append([each[:n] for each in (value, d_point, _code_gradient(d_rows, per_code, o))])
+                value, d_point, d_injected = self._linearize(p.detach(), _owned(entered, o))
+                d_code, *more = [_code_gradient(d_injected[layer], to_code[layer], o) for layer in to_code]
+                for each in more:
+                    d_code += each
+                parts.append([each[:n] for each in (value, d_point, d_code)])
         return SdfJet(*(part[0] if len(parts) == 1 else torch.cat(part) for part in zip(*parts, strict=True)))
 
     def _linearize(
-        self, points: Float[Tensor, "n 3"], injected: dict[str, Float[Tensor, "n w"]]
+        self, points: Float[Tensor, "n 3"], injected: dict[str, Float[Tensor, "m w"]]
     ) -> tuple[Float[Tensor, "n"], Float[Tensor, "n 3"], dict[str, Float[Tensor, "n w"]]]:
         """The network's values, and their derivatives w.r.t. points and what was injected."""
-        injected = {name: rows.clone().requires_grad_() for name, rows in injected.items()}
+        n = len(points)
+        injected = {name: rows.expand(n, -1).clone().requires_grad_() for name, rows in injected.items()}
         points = points.clone().requires_grad_()
         with torch.enable_grad():
             value = self._network(points, injected)
@@ -137,14 +138,22 @@ class SdfDecoder(nn.Module, ABC):
 
 def _pieces(
     points: Float[Tensor, "n 3"], owner: Int[Tensor, "n"] | None, at_once: int
-) -> Iterator[tuple[int, Float[Tensor, "m 3"], Int[Tensor, "m"] | None]]:
-    """What is decoded at once: how many points, and they with more of the last one."""
+) -> Iterator[tuple[int, Float[Tensor, "m 3"], "Int[Tensor, 'm'] | int | None"]]:
+    """What is decoded at once: how many points, they with more of the last one, and whose they are: each point's, or all."""
     if points.is_cuda:
         yield len(points), points, owner
         return
-    for i in range(0, max(len(points), 1), max(at_once, 1)):
-        piece, own = points[i : i + at_once], None if owner is None else owner[i : i + at_once]
-        yield len(piece), _padded(piece), None if own is None else _padded(own)
+    runs = [(len(points), None)]
+    if owner is not None and len(points):
+        owners, counts = owner.unique_consecutive(return_counts=True)
+        if len(points) >= _ROWS * len(owners):
+            runs, owner = [*zip(counts.tolist(), owners.tolist(), strict=True)], None
+    start = 0
+    for count, whose in runs:
+        for i in range(start, start + max(count, 1), max(at_once, 1)):
+            piece = points[i : min(i + at_once, start + count)]
+            yield len(piece), _padded(piece), whose if owner is None else _padded(owner[i : i + at_once])
+        start += count
 
 
 def _padded(rows: Shaped[Tensor, "n ..."]) -> Shaped[Tensor, "m ..."]:
@@ -153,23 +162,26 @@ def _padded(rows: Shaped[Tensor, "n ..."]) -> Shaped[Tensor, "m ..."]:
 
 
 def _owned(
-    entered: dict[str, Float[Tensor, "b w"]], owner: Int[Tensor, "n"] | None, n: int
-) -> dict[str, Float[Tensor, "n w"]]:
-    """For each of n points what its own code gave."""
-    return {layer: rows.expand(n, -1) if owner is None else rows[owner] for layer, rows in entered.items()}
+    entered: dict[str, Float[Tensor, "b w"]], owner: "Int[Tensor, 'n'] | int | None"
+) -> dict[str, Float[Tensor, "m w"]]:
+    """What the code of each point gave, or the one code of all points."""
+    if owner is None:
+        return entered
+    rows = slice(owner, owner + 1) if isinstance(owner, int) else owner
+    return {layer: each[rows] for layer, each in entered.items()}
 
 
 def _code_gradient(
-    d_rows: Float[Tensor, "n w"], per_code: Float[Tensor, "c w l"], owner: Int[Tensor, "n"] | None
+    d_rows: Float[Tensor, "n w"], to_code: Float[Tensor, "c l w"], owner: "Int[Tensor, 'n'] | int | None"
 ) -> Float[Tensor, "n l"]:
-    """Chain rule, each point by its own code's derivative."""
-    if len(per_code) == 1 or owner is None:
-        return affine(d_rows, per_code[0].t().contiguous())
-    result = d_rows.new_empty(len(d_rows), per_code.shape[2])
+    """Chain rule, each point by its own code's derivative; a tensor of its own."""
+    if len(to_code) == 1 or not isinstance(owner, Tensor):
+        return affine(d_rows, to_code[owner if isinstance(owner, int) and len(to_code) > 1 else 0])
+    result = d_rows.new_empty(len(d_rows), to_code.shape[1])
     for i in owner.unique().tolist():
         own = owner == i
         rows = d_rows[own]
-        result[own] = affine(_padded(rows), per_code[i].t().contiguous())[: len(rows)]
+        result[own] = affine(_padded(rows), to_code[i])[: len(rows)]
     return result
 
 

@@ -71,7 +71,7 @@ class Superquadric(SdfDecoder):
         return {"code": torch.eye(3).to(codes)[None]}
 
     def _network(
-        self, points: Float[Tensor, "n 3"], injected: dict[str, Float[Tensor, "n 3"]]
+        self, points: Float[Tensor, "n 3"], injected: dict[str, Float[Tensor, "m 3"]]
     ) -> Float[Tensor, "n"]:
         config = self.config
         section, profile, taper = injected["code"].unbind(dim=1)

@@ -167,6 +167,17 @@ def _segment(arguments: list[str], console: "Console") -> None:
     run_segment(_parsed(SegmentCommand, "segment", arguments), console)
 
 
+def _bench(arguments: list[str], console: "Console") -> None:
+    """Measure how fast the program is on this machine.
+
+    $ objgraph bench --json out/bench.json
+    $ objgraph bench --parts floor cores
+    """
+    from objgraph.cli.bench import BenchCommand, run_bench
+
+    run_bench(_parsed(BenchCommand, "bench", arguments), console)
+
+
 VERBS: dict[str, Callable[[list[str], "Console"], int | None]] = {
     "map": _map,
     "report": _report,
@@ -182,6 +193,7 @@ VERBS: dict[str, Callable[[list[str], "Console"], int | None]] = {
     "segment": _segment,
     "doctor": _doctor,
     "sensor": _sensor,
+    "bench": _bench,
 }
 """Each gives the exit status; None is success."""
 

@@ -95,7 +95,7 @@ def _machine() -> Section:
     features = " ".join(name for name in _FEATURES if name in flags)
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
     rows = [
-        ("processor", cpu.get("model name") or platform.processor() or platform.machine()),
+        ("processor", processor()),
         ("features", features or "unknown"),
         ("cores", f"{cores} of {os.cpu_count()}"),
         ("memory", _memory()),
@@ -103,6 +103,11 @@ def _machine() -> Section:
         *(("GPU", gpu) for gpu in _gpus()),
     ]
     return Section("Machine", tuple(rows))
+
+
+def processor() -> str:
+    """Its name, as the system gives it."""
+    return _cpu_info().get("model name") or platform.processor() or platform.machine()
 
 
 def _cpu_info() -> dict[str, str]:

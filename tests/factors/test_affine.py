@@ -22,6 +22,28 @@ def test_it_is_the_product(n: int, i: int, o: int, biased: bool) -> None:
     torch.testing.assert_close(affine(x, weight, bias).double(), exact, rtol=1e-5, atol=1e-4)
 
 
+@given(n=st.integers(1, 40), name=st.sampled_from(["none", "relu", "silu", "softplus"]), biased=st.booleans())
+def test_an_activation_is_of_the_product(n: int, name: affine_module.Activation, biased: bool) -> None:
+    x, weight, bias, upstream = (
+        drawn(0, n, 17),
+        drawn(1, 9, 17),
+        drawn(2, 9) if biased else None,
+        drawn(3, n, 9),
+    )
+    function = {
+        "none": lambda y: y,
+        "relu": torch.relu,
+        "silu": nn.functional.silu,
+        "softplus": nn.functional.softplus,
+    }
+    given_x, true_x = x.clone().requires_grad_(), x.clone().requires_grad_()
+    true = function[name](nn.functional.linear(true_x, weight, bias))
+    torch.testing.assert_close(affine(x, weight, bias, name), true.detach(), rtol=1e-4, atol=1e-5)
+    (found,) = torch.autograd.grad((affine(given_x, weight, bias, name) * upstream).sum(), given_x)
+    (exact,) = torch.autograd.grad((true * upstream).sum(), true_x)
+    torch.testing.assert_close(found, exact, rtol=1e-4, atol=1e-4)
+
+
 def test_single_precision_alone_takes_the_short_cut() -> None:
     x, weight = drawn(0, 20, 256).double(), drawn(1, 30, 256).double()
     torch.testing.assert_close(affine(x, weight), x @ weight.T, rtol=1e-14, atol=1e-12)

@@ -1,6 +1,7 @@
 import pytest
 import torch
 
+from factors.affine import Activation, activated
 from factors.decoder import Decoder, DecoderConfig
 from factors.errors import FactorError
 from tests.factors.conftest import CODE_LENGTH, make_decoder
@@ -64,6 +65,31 @@ def test_owner_tells_shapes_apart(decoder):
             torch.testing.assert_close(a[owner == shape], b)
 
 
+@pytest.mark.parametrize(
+    "settings",
+    [{}, {"skip": 0}, {"octaves": 2}, {"activation": "silu"}, {"activation": "softplus"}, {"mapping": 9}],
+)
+def test_points_that_stand_together_are_decoded_as_if_alone(settings):
+    """In single precision, where a code is a bias more; and in any order."""
+    torch.manual_seed(3)
+    decoder = Decoder(DecoderConfig(**{"code_length": 6, "width": 16, "activation": "relu"} | settings))
+    points, codes = torch.randn(2500, 3), torch.randn(3, 6)
+    owner = torch.tensor([1, 0, 2]).repeat_interleave(torch.tensor([70, 2330, 100]))
+    with torch.no_grad():
+        value = decoder(points, codes, owner)
+    jet = decoder.linearize(points, codes, owner)
+    for shape in range(3):
+        own = owner == shape
+        one = codes[shape : shape + 1]
+        with torch.no_grad():
+            torch.testing.assert_close(value[own], decoder(points[own], one))
+        for found, alone in zip(jet, decoder.linearize(points[own], one), strict=True):
+            torch.testing.assert_close(found[own], alone, rtol=1e-4, atol=1e-5)
+    mixed = torch.randperm(len(points))
+    for found, other in zip(jet, decoder.linearize(points[mixed], codes, owner[mixed]), strict=True):
+        torch.testing.assert_close(found[mixed], other, rtol=1e-4, atol=1e-5)
+
+
 def test_wrong_code_length_is_named(decoder):
     with pytest.raises(FactorError, match=rf"takes \(b, {CODE_LENGTH}\)"):
         decoder(torch.zeros(2, 3).double(), torch.zeros(1, CODE_LENGTH + 1).double())
@@ -84,9 +110,9 @@ def test_products_have_few_sizes(mapping, monkeypatch):
     decoder = Decoder(DecoderConfig(code_length=6, width=16, activation="relu", mapping=mapping))
     sizes = set()
 
-    def noted(x, weight, bias=None):
+    def noted(x, weight, bias=None, activation: Activation = "none"):
         sizes.add(len(x))
-        return torch.nn.functional.linear(x, weight, bias)
+        return activated(torch.nn.functional.linear(x, weight, bias), activation)
 
     for module in ("factors.affine", "factors.decoder", "factors.sdf_decoder"):
         monkeypatch.setattr(f"{module}.affine", noted)

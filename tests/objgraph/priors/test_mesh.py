@@ -36,7 +36,7 @@ class Spheres(SdfDecoder):
 
     def _network(self, points, injected):
         self.evaluated += len(points)
-        spheres = injected["0"].reshape(len(points), self.count, 4)
+        spheres = injected["0"].reshape(-1, self.count, 4)
         distance = torch.linalg.norm(points[:, None] - spheres[..., :3], dim=-1) - spheres[..., 3]
         return self.slope * distance.min(dim=1).values
 

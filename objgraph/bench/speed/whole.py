@@ -1,0 +1,83 @@
+"""What a user waits for: the sample's map and its memory, the start of the program, what a second core gives."""
+
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from objgraph.bench.speed.figure import Figure, ratio
+from objgraph.datasets import scannet
+from objgraph.errors import EvaluationError
+from objgraph.maps.pipeline import map_scan
+from objgraph.synthetic.sample import SampleConfig, ensure_sample
+from objgraph.synthetic.scene import RoomConfig
+
+_LARGE = SampleConfig(room=RoomConfig(chairs=8, tables=4, size_m=(7.5, 7.0)))
+"""A room with objects enough that starting a process is little of it."""
+
+
+def whole_commands(root: Path, repeats: int) -> list[Figure]:
+    """Seconds by the clock and megabytes of commands in processes of their own.
+
+    Raises EvaluationError where one fails.
+    """
+    cores, start, demo, one = min(os.cpu_count() or 1, 4), [], [], []
+    sample = ["map", "--dataset", "sample", "--root", str(root)]
+    with tempfile.TemporaryDirectory() as folder:
+        for k in range(repeats):
+            start.append(_run(["doctor"])[0])
+            demo.append(_run([*sample, "--jobs", str(cores), "--out", f"{folder}/{k}"])[0])
+            one.append(_run([*sample, "--jobs", "1", "--out", f"{folder}/one{k}"])[1])
+    what = f"medians of {repeats}; `objgraph map --dataset sample`, the scan being there"
+    return [
+        _figure("demo_seconds", demo, 60.0, f"seconds by the clock, {cores} processes; {what}"),
+        _figure(
+            "start_seconds", start, None, f"seconds by the clock of `objgraph doctor`, median of {repeats}"
+        ),
+        _figure("peak_mb", one, None, f"MB, one process; {what}"),
+    ]
+
+
+def two_cores(root: Path, repeats: int) -> Figure:
+    """How much faster two processes map a large room than one, starts counted; raises EvaluationError on one core."""
+    if (os.cpu_count() or 1) < 2:
+        raise EvaluationError("there is one core: what a second gives cannot be measured")
+    scan = scannet.load(ensure_sample(root, _LARGE) / "scannet")
+    spent: dict[int, list[float]] = {1: [], 2: []}
+    for _ in range(repeats):
+        for jobs, seconds in spent.items():
+            seconds.append(_clocked(lambda jobs=jobs: map_scan(scan, jobs=jobs)))
+    what = f"by the clock, two processes and one in turns, {repeats} repeats; {len(scan.instances)} objects of a room"
+    return ratio("two_cores_over_one", spent[1], spent[2], 1.7, what, better="more")
+
+
+def _clocked(call: Callable[[], object]) -> float:
+    begun = time.perf_counter()
+    call()
+    return time.perf_counter() - begun
+
+
+def _run(arguments: list[str]) -> tuple[float, float]:
+    """Seconds, and megabytes of its largest process."""
+    begun = time.perf_counter()
+    process = subprocess.Popen(
+        [sys.executable, "-m", "objgraph.cli", "-q", *arguments],
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+    )
+    assert process.stderr is not None
+    said = process.stderr.read().decode(errors="replace")
+    _, status, usage = os.wait4(process.pid, 0)
+    process.returncode = os.waitstatus_to_exitcode(status)
+    if process.returncode:
+        raise EvaluationError(f"objgraph {' '.join(arguments)} failed: {said.strip()[-300:]}")
+    return time.perf_counter() - begun, usage.ru_maxrss / 1024
+
+
+def _figure(name: str, found: list[float], aim: float | None, what: str) -> Figure:
+    return Figure(name, float(np.median(found)), min(found), max(found), aim, "less", what)
