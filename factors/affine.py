@@ -45,7 +45,7 @@ def affine(
 ) -> Float[Tensor, "n o"]:
     """`nn.functional.linear`, and an activation of it."""
     plain = x.device.type == "cpu" and x.dtype == torch.float32 and not torch.is_autocast_enabled("cpu")
-    if not (plain and len(x) and _has_onednn()):
+    if not (plain and x.shape[0] and _has_onednn()):
         return activated(nn.functional.linear(x, weight, bias), activation)
     given = (x, weight) if bias is None else (x, weight, bias)
     if torch.is_grad_enabled() and any(each.requires_grad for each in given):

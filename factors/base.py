@@ -164,16 +164,16 @@ class ObservationFactor(ABC):
     def known_value(self, query: SdfQuery) -> Tensor | None:
         """The decoder's values at `query`, where they are at hand."""
         last = self._decoded
-        return last.value if last is not None and last.fingerprint == _fingerprint(query) else None
+        return last.value if last is not None and last.fingerprint == query.fingerprint else None
 
     def known_jet(self, query: SdfQuery) -> SdfJet | None:
         """The active points' derivatives at `query`, where they are at hand."""
         last = self._decoded
-        return last.jet if last is not None and last.fingerprint == _fingerprint(query) else None
+        return last.jet if last is not None and last.fingerprint == query.fingerprint else None
 
     def remember(self, query: SdfQuery, value: Tensor, jet: SdfJet | None = None) -> None:
         """Keep the decoder's answers to `query`, unless they are not finite: the same place need not ask again."""
-        self._decoded = _Decoded(_fingerprint(query), value, jet) if value.isfinite().all() else None
+        self._decoded = _Decoded(query.fingerprint, value, jet) if value.isfinite().all() else None
 
     def gtsam_factor(self) -> gtsam.CustomFactor:
         """The factor to add to a graph; it follows later calls of `refresh` on this object."""
@@ -218,9 +218,3 @@ def place_of(state: ObjectState, T_world_camera: gtsam.Pose3, annealing: Anneali
         annealing.slope,
     )
     return b"".join(np.asarray(part, dtype=float).tobytes() for part in parts)
-
-
-def _fingerprint(query: SdfQuery) -> bytes:
-    state = query.state
-    parts = (query.p_object.cpu().numpy(), state.log_scale, state.code, state.T_world_object.matrix())
-    return b"".join(np.ascontiguousarray(part).tobytes() for part in parts)

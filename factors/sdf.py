@@ -6,6 +6,7 @@ rows are h^T [q]x, -h^T, -(g * p_object), df/dz, and for the camera h^T R^T R_c 
 """
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import NamedTuple
 
 import gtsam
@@ -30,6 +31,18 @@ class SdfQuery:
     state: ObjectState
     T_world_camera: gtsam.Pose3
     p_camera: Float[np.ndarray, "n 3"]
+
+    @cached_property
+    def fingerprint(self) -> bytes:
+        """Equal where a decoder would answer the same."""
+        state = self.state
+        parts = (
+            self.p_object.cpu().numpy(),
+            state.log_scale,
+            state.code,
+            state.T_world_object.matrix(),
+        )
+        return b"".join(np.ascontiguousarray(part).tobytes() for part in parts)
 
     def take(self, indices: Int[Tensor, "m"]) -> "SdfQuery":
         """Some of the points."""

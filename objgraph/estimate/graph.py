@@ -13,11 +13,12 @@ from objgraph.estimate.task import Estimate, EstimationTask, unusable
 from objgraph.graph.builder import GraphConfig, ObjectBuilder
 from objgraph.graph.single_object import SingleObject
 from objgraph.graph.solve import Problem, SolverConfig, solve
+from objgraph.observation.sampling import thinned
 
 
 @dataclass(frozen=True)
 class GraphEstimator:
-    """Every start is solved at the coarsest slope; the likeliest is solved to the end.
+    """Every start is solved at the coarsest slope on few points; the likeliest is solved to the end on all.
 
     Where a prior's first guess says how likely the starts are, they are the headings that the object may have; of other
     objects turns are searched for afterwards, and one that is cheaper is solved to the end as well.
@@ -27,6 +28,8 @@ class GraphEstimator:
     solver: SolverConfig = field(default_factory=SolverConfig)
     heading_modes: HeadingModesConfig | None = field(default_factory=HeadingModesConfig)
     """None takes the heading that was found as the only one."""
+    few: int = 300
+    """Surface points, and rays, of all views together that starts are told apart on."""
     gravity: bool = True
     """Whether it is told where up and the floor are; without, no object need be upright or stand."""
     watch: Callable[[Problem], None] | None = field(default=None, compare=False)
@@ -44,8 +47,10 @@ class GraphEstimator:
         if (refused := unusable(task)) is not None:
             return refused
         told = task if self.gravity else replace(task, up_world=None, floor=None)
+        thin = replace(told, views=tuple(thinned(told.views, self.few, self.few)))
         try:
-            return _Attempts(told, [self._single(told, start) for start in told.starts])
+            whole = self._single(told, told.starts[0])
+            return _Attempts(told, [self._single(thin, start) for start in told.starts], whole)
         except ObjectGraphError as error:
             return SolveError(f"{task.name}: {error}")
 
@@ -98,6 +103,9 @@ class _Attempts:
 
     task: EstimationTask
     tried: list[SingleObject]
+    """On few points."""
+    whole: SingleObject
+    """On all."""
     cost_initial: float = np.nan
     turns: HeadingModes | None = None
     linearizations: int = 0
@@ -110,8 +118,8 @@ class _Attempts:
         return self.chosen.failure is None
 
     def choose(self, headings: HeadingModesConfig | None, slope: float) -> None:
-        """The likeliest, by what it costs and by the first guess, and say how likely other headings are and, at the slope
-        at which the end will be judged, what its start cost."""
+        """Go on with all points from the likeliest, by what it costs and by the first guess, and say how likely other
+        headings are and, at the slope at which the end will be judged, what its start costs."""
         temperature = (headings or HeadingModesConfig()).temperature
         unlikely = -temperature * np.log(self.task.chances or np.ones(len(self.tried)))
         costs = [
@@ -120,6 +128,7 @@ class _Attempts:
         ]
         best = int(np.argmin(costs))
         self.chosen = self.tried[best]
+        self.chosen.graph, self.chosen.factors = self.whole.graph, self.whole.factors
         if self.is_good and headings is not None and self.task.chances:
             states = [single.state for single in self.tried]
             self.turns = HeadingModes.of_states(states, np.array(costs), best, temperature)

@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 
 from factors.state import ObjectState
+from factors.surface import SurfaceFactor
 from objgraph.errors import SolveError
 from objgraph.estimate.graph import GraphEstimator
 from objgraph.estimate.task import Estimate
-from objgraph.graph.solve import SolverConfig
+from objgraph.graph.solve import Problem, SolverConfig
 from tests.objgraph.estimate.adam_cases import OFF, pose_error, task
 from tests.toys import toy_state
 
@@ -27,6 +28,22 @@ def test_the_cheapest_start_is_kept_wherever_it_stands(starts: tuple[ObjectState
     (found,) = GraphEstimator(solver=QUICK).estimate([task(starts=starts)])
     assert isinstance(found, Estimate)
     assert pose_error(found.state) < 0.03
+
+
+def test_starts_are_told_apart_on_few_points_and_the_best_is_solved_on_all():
+    given = task(starts=(NEAR, BACK))
+    whole = sum(len(view.points_camera) for view in given.views)
+    sizes: list[int] = []
+
+    def watch(problem: Problem) -> None:
+        surface = [each for each in problem.factors if isinstance(each, SurfaceFactor)]
+        sizes.append(sum(len(each.points_camera()) for each in surface))
+
+    (found,) = GraphEstimator(solver=QUICK, few=whole // 3, watch=watch).estimate([given])
+    assert isinstance(found, Estimate)
+    assert pose_error(found.state) < 0.03
+    assert set(sizes) == {whole // 3, whole}
+    assert sizes == sorted(sizes)
 
 
 def test_a_task_whose_starts_all_fail_fails_alone():

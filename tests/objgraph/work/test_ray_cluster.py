@@ -10,8 +10,10 @@ from pathlib import Path
 
 import pytest
 
+from objgraph.bench.comparison.running.runner import run
 from objgraph.errors import ProcessError
 from objgraph.work import Workers, spread
+from tests.objgraph.bench.test_comparison_runner import Count
 from tests.objgraph.work.test_processes import told, worked
 
 RAY = Workers(2, "ray")
@@ -60,6 +62,11 @@ def test_a_mistake_is_raised_here_and_ends_the_others(cluster):
     with pytest.raises(ValueError, match="mistake"):
         dict(spread([partial(worked, "wait"), partial(worked, "fail")], RAY))
     assert cluster.is_initialized()  # the user's own cluster stays
+
+
+def test_rows_of_a_comparison_are_those_of_one_process():
+    found = [name for name, *_ in run([Count(name) for name in "abc"], RAY)]
+    assert sorted(found) == sorted(name for name, *_ in run([Count(name) for name in "abc"]))
 
 
 def test_without_the_package_a_line_says_how_to_get_it(monkeypatch):
