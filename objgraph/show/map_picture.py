@@ -67,16 +67,16 @@ def map_picture(
     corners = np.concatenate([_vertices(entry) for entry in shown])
     cloud = _around(_checked_cloud(points_world, colors, up), corners, up, point_radius)
     limit = sigma_limit(entry.vertex_sigma for entry in shown)
-    surfaces = [_surface(entry, i, limit) for i, entry in enumerate(shown)]
+    surface = raster.joined([_surface(entry, i, limit) for i, entry in enumerate(shown)])
     size = (width * 45 // 100, width * 36 // 100)
-    direction = _clearest_direction(corners, cloud, surfaces, up, size)
+    direction = _clearest_direction(corners, cloud, surface, up, size)
     oblique = views.framing_camera(corners, direction, up, _intrinsics(size), fill=0.9)
     across = views.level_axis_across(corners, up)
     above = views.framing_camera(corners, up, across, _intrinsics(size), fill=0.85)
     title = f"{object_map.scene}: {len(object_map.mapped)} of {len(object_map.objects)} objects mapped"
     sheet, axes, bar = figure.panels(width, size, 2, title, limit)
-    figure.show(axes[0], _render(oblique, _cut_away(cloud, corners, direction, up), surfaces), "oblique")
-    figure.show(axes[1], _render(above, cloud, surfaces), "from above")
+    figure.show(axes[0], _render(oblique, _cut_away(cloud, corners, direction, up), surface), "oblique")
+    figure.show(axes[1], _render(above, cloud, surface), "from above")
     names = [_name(entry) for entry in shown]
     for axis, camera in zip(axes, (oblique, above), strict=True):
         figure.label(axis, names, _label_places(camera, shown, up))
@@ -158,7 +158,7 @@ def _intrinsics(size: tuple[int, int]) -> Intrinsics:
 def _clearest_direction(
     corners: Float[np.ndarray, "v 3"],
     cloud: _Cloud,
-    surfaces: Sequence[raster.Surface],
+    surface: raster.Surface,
     up: Float[np.ndarray, "3"],
     size: tuple[int, int],
 ) -> Float[np.ndarray, "3"]:
@@ -171,18 +171,16 @@ def _clearest_direction(
         camera = views.framing_camera(corners, direction, up, small)
         opened = _cut_away(sample, corners, direction, up)
         points = raster.draw_points(camera, opened.points, opened.colors, opened.radius)
-        meshes = raster.draw_surfaces(camera, surfaces)
+        meshes = raster.draw_surfaces(camera, [surface])
         return int(raster.compose(points, meshes, _BACKGROUND, _BIAS)[1].sum())
 
     azimuths = np.arange(12) * np.pi / 6 + np.pi / 12
     return max((views.oblique_direction(up, azimuth, _ELEVATION) for azimuth in azimuths), key=seen)
 
 
-def _render(
-    camera: raster.Camera, cloud: _Cloud, surfaces: Sequence[raster.Surface]
-) -> Float[np.ndarray, "h w 3"]:
+def _render(camera: raster.Camera, cloud: _Cloud, surface: raster.Surface) -> Float[np.ndarray, "h w 3"]:
     points = raster.draw_points(camera, cloud.points, cloud.colors, cloud.radius)
-    meshes = raster.draw_surfaces(camera, surfaces)
+    meshes = raster.draw_surfaces(camera, [surface])
     picture, _ = raster.compose(points, meshes, _BACKGROUND, bias=np.inf)  # no point hides an estimate
     share = 1 / _OVERSAMPLING
     return cv2.resize(picture, None, fx=share, fy=share, interpolation=cv2.INTER_AREA).clip(0, 1)
