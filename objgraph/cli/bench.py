@@ -21,7 +21,7 @@ from objgraph.bench.speed.whole import two_cores, whole_commands
 from objgraph.cli.progress import progress
 from objgraph.cli.run_config import SAMPLE_ROOT
 from objgraph.doctor.machine import processor
-from objgraph.errors import EvaluationError
+from objgraph.errors import EvaluationError, ObjectGraphError
 from objgraph.version import program_version
 
 
@@ -45,7 +45,7 @@ class BenchCommand:
 
 
 def run_bench(command: BenchCommand, console: Console) -> dict[str, Figure]:
-    """Measure, show and write; raises EvaluationError where something cannot be measured."""
+    """Measure, show and write; raises EvaluationError, at the end, where something could not be measured."""
     if command.repeats < 1 or command.objects < 1 or command.many < 20:
         raise EvaluationError("--repeats and --objects must be at least 1, --many at least 20")
     with tempfile.TemporaryDirectory() as folder, progress(console) as tell:
@@ -54,9 +54,13 @@ def run_bench(command: BenchCommand, console: Console) -> dict[str, Figure]:
             raise EvaluationError(f"--parts: no part {', '.join(unknown)}; there are {', '.join(measured)}")
         chosen = [name for name in measured if not command.parts or name in command.parts]
         found: list[Figure] = []
+        failed: list[str] = []
         for k, name in enumerate(chosen):
             tell(f"measuring {name}", k, len(chosen))
-            found += measured[name]()
+            try:
+                found += measured[name]()
+            except ObjectGraphError as error:
+                failed.append(f"{name}: {error}")
         tell("measured", len(chosen), len(chosen))
     console.print(_table(found))
     if command.json is not None:
@@ -68,6 +72,8 @@ def run_bench(command: BenchCommand, console: Console) -> dict[str, Figure]:
             "figures": [asdict(each) for each in found],
         }
         write_file(command.json, (json.dumps(document, indent=1) + "\n").encode(), EvaluationError)
+    if failed:
+        raise EvaluationError("; ".join(failed))
     return {each.name: each for each in found}
 
 

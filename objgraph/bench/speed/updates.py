@@ -64,7 +64,7 @@ def solved_crates() -> list[tuple[ObjectState, ObjectView]]:
             crates.extents(x) * np.sqrt(3)
         )  # a superquadric's edges are a cube's of diagonal 1
         start = ObjectState(crates.pose(x), log_scale, prior.code_mean)
-        single = ObjectBuilder(CONFIG.graph, UP, 0.0).alone(prior, start, [view])
+        single = ObjectBuilder(CONFIG.graph, UP).alone(prior, start, [view])
         solve([single], CONFIG.start)
         found.append((single.state, view))
     return found
@@ -73,7 +73,7 @@ def solved_crates() -> list[tuple[ObjectState, ObjectView]]:
 def map_of(count: int, solved: list[tuple[ObjectState, ObjectView]]) -> IncrementalObjectGraph:
     """A map of so many crates, each seen by the camera that passed it."""
     prior = fallback_prior(CRATE)
-    objects = IncrementalObjectGraph(UP, floor=0.0, config=CONFIG, find_prior=lambda _: prior)
+    objects = IncrementalObjectGraph(UP, floor=None, config=CONFIG, find_prior=lambda _: prior)
     system = objects.system
     models: dict[int, list[gtsam.LinearContainerFactor]] = {}
     for x in range(-count, 0):

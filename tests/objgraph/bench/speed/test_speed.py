@@ -104,6 +104,15 @@ def test_the_command_shows_and_writes_what_was_measured(tmp_path, capsys, monkey
         "one": lambda: [Figure("demo_seconds", 12.3, 11.0, 14.0, 60.0, "less", "a map")],
         "two": lambda: [ratio("two_cores_over_one", [1.5], [1.0], 1.7, "a room", better="more")],
     }
+
+    def fail() -> list[Figure]:
+        raise EvaluationError("there is one core")
+
+    monkeypatch.setattr(bench_command, "_parts", lambda command, folder: {**parts, "cores": fail})
+    assert main(["bench"]) == 1  # and the others are told all the same
+    said = capsys.readouterr()
+    assert "demo_seconds" in said.out
+    assert "cores: there is one core" in said.err
     monkeypatch.setattr(bench_command, "_parts", lambda command, folder: parts)
     assert main(["bench", "--json", str(tmp_path / "out" / "bench.json")]) == 0
     said = capsys.readouterr().out
