@@ -16,7 +16,6 @@ from objgraph.bench.speed.against import against_others
 from objgraph.bench.speed.figure import Figure
 from objgraph.bench.speed.floor import over_floor
 from objgraph.bench.speed.many import many_objects
-from objgraph.bench.speed.updates import growing_map
 from objgraph.bench.speed.whole import two_cores, whole_commands
 from objgraph.cli.progress import progress
 from objgraph.cli.run_config import SAMPLE_ROOT
@@ -32,7 +31,7 @@ class BenchCommand:
     json: Path | None = None
     """File for the figures."""
     parts: Annotated[tuple[str, ...], tyro.conf.arg(metavar="[NAME [NAME ...]]")] = ()
-    """These alone: against (other methods), floor (of a linearisation), many (objects), updates (of an incremental map), cores, whole
+    """These alone: against (other methods), floor (of a linearisation), many (objects), cores, whole
     (commands). By default all, half an hour."""
     seed: int = 0
     """Of the objects that methods are compared on."""
@@ -84,7 +83,6 @@ def _parts(command: BenchCommand, folder: Path) -> dict[str, Callable[[], Sequen
         "against": lambda: against_others(folder / "against", command.seed, command.objects),
         "whole": lambda: whole_commands(SAMPLE_ROOT, repeats),
         "cores": lambda: [two_cores(folder, repeats)],
-        "updates": lambda: [growing_map(10, command.many, 4 * repeats)],
         "many": lambda: many_objects(10, command.many),
     }
 
