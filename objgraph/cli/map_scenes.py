@@ -1,6 +1,7 @@
 """`objgraph map --scenes`: many scans, each into a folder of its own."""
 
 import json
+import logging
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -10,13 +11,16 @@ from pathlib import Path
 
 from rich.console import Console
 
+from factors import checks
 from objgraph.cli.map import MapCommand, jobs_of, run_map, run_of
 from objgraph.cli.progress import progress
 from objgraph.cli.run_config import CONFIG, LIDAR_DATASETS, MapRun, root_of
 from objgraph.datasets.registry import lidar_frames, scenes
-from objgraph.errors import DatasetError, MapError, ObjectGraphError
+from objgraph.errors import ConfigError, DatasetError, MapError, ObjectGraphError
 from objgraph.show.report import REPORT
 from objgraph.work import Workers, spread
+
+log = logging.getLogger(__name__)
 
 ALL = "all"
 
@@ -38,7 +42,7 @@ def run_map_scenes(command: MapCommand, console: Console) -> None:
         MapError: some scans failed, which are named; or a folder holds a map that other settings made.
         ProcessError: there is no Ray cluster.
     """
-    run = run_of(command)
+    run, jobs = run_of(command), checks.whole("--jobs", jobs_of(command), checks.Range(1), ConfigError)
     names = _names(command, run)
     left = [name for name in names if not _is_done(command.out / name, run, name)]
     works = [
@@ -47,7 +51,7 @@ def run_map_scenes(command: MapCommand, console: Console) -> None:
     failed: list[str] = []
     with progress(console) as tell:
         tell("mapping scans", len(names) - len(left), len(names))
-        found = spread(works, Workers(min(jobs_of(command), max(len(left), 1)), command.engine))
+        found = spread(works, Workers(min(jobs, len(left)), command.engine)) if left else ()
         for count, (place, result) in enumerate(found, len(names) - len(left) + 1):
             if isinstance(result, _Done):
                 said = f"{result.mapped} of {result.objects} objects in {result.seconds:.0f} s"
@@ -75,16 +79,20 @@ def _names(command: MapCommand, run: MapRun) -> Sequence[str]:
     else:
         assert command.scenes is not None
         try:
-            names = Path(command.scenes).read_text(encoding="utf-8").split()
+            lines = Path(command.scenes).read_text(encoding="utf-8").splitlines()
+            names = [line.strip() for line in lines if line.strip()]
         except (OSError, UnicodeError) as error:
             raise DatasetError(
                 f"--scenes takes '{ALL}' or a file of names, not {command.scenes} ({error})"
             ) from error
     if not names:
         raise DatasetError(f"--scenes {command.scenes}: there is no scan")
-    if wrong := [name for name in names if Path(name).is_absolute() or ".." in Path(name).parts]:
+    places = {Path(name): name for name in names}
+    if wrong := [
+        name for path, name in places.items() if path.is_absolute() or not path.parts or ".." in path.parts
+    ]:
         raise DatasetError(f"--scenes: '{wrong[0]}' is no name of a scan that a folder of its own could have")
-    return list(dict.fromkeys(names))
+    return list(places.values())
 
 
 def _is_done(folder: Path, run: MapRun, name: str) -> bool:
@@ -94,6 +102,8 @@ def _is_done(folder: Path, run: MapRun, name: str) -> bool:
     try:
         known = json.loads((folder / CONFIG).read_bytes())
     except (OSError, ValueError):
+        return False
+    if not isinstance(known, dict):
         return False
     wanted = json.loads(replace(run, source=replace(run.source, scene=name)).text())
     if other := [key for key in wanted if key != "objgraph" and known.get(key) != wanted[key]]:
@@ -108,4 +118,7 @@ def _mapped(command: MapCommand) -> _Done | ObjectGraphError:
         found = run_map(replace(command, jobs=1, engine="local"), Console(file=StringIO()))
     except ObjectGraphError as error:
         return error
+    except Exception as error:  # a full disk, a bug: the other scans are mapped all the same
+        log.debug("scan %s", command.scene, exc_info=True)
+        return MapError(f"{type(error).__name__}: {error}")
     return _Done(len(found.mapped), len(found.objects), time.perf_counter() - begun)

@@ -61,8 +61,10 @@ def _result(ray: ModuleType, done: Any) -> Any:
     except ray.exceptions.RayTaskError as error:
         raise error.cause from error  # the work's own mistake, as with processes
     except ray.exceptions.RayError as error:
-        words = str(error).strip().splitlines()[0]
-        return ProcessError(f"its worker died {_RETRIES + 1} times, perhaps for want of memory ({words})")
+        words = (str(error).strip() or type(error).__name__).splitlines()[0]
+        return ProcessError(
+            f"no worker could do it in {_RETRIES + 1} tries, perhaps for want of memory: {words}"
+        )
     for record in records:
         logging.getLogger(record.name).handle(record)
     return result

@@ -44,6 +44,15 @@ def test_an_activation_is_of_the_product(n: int, name: affine_module.Activation,
     torch.testing.assert_close(found, exact, rtol=1e-4, atol=1e-4)
 
 
+@pytest.mark.parametrize("name", ["none", "relu", "silu", "softplus"])
+def test_what_is_no_number_stays_none(name: affine_module.Activation) -> None:
+    x, weight = drawn(0, 64, 17), drawn(1, 9, 17)
+    x[5] = torch.nan
+    found = affine(x, weight, None, name)
+    assert found[5].isnan().all()
+    assert found.isnan().sum() == 9
+
+
 def test_single_precision_alone_takes_the_short_cut() -> None:
     x, weight = drawn(0, 20, 256).double(), drawn(1, 30, 256).double()
     torch.testing.assert_close(affine(x, weight), x @ weight.T, rtol=1e-14, atol=1e-12)

@@ -21,6 +21,15 @@ _LARGE = SampleConfig(room=RoomConfig(chairs=8, tables=4, size_m=(7.5, 7.0)))
 """A room with objects enough that starting a process is little of it."""
 
 
+_BETWEEN = """
+import resource, subprocess, sys
+status = subprocess.call(sys.argv[1:], stdout=subprocess.DEVNULL)
+print(resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss)
+sys.exit(status)
+"""
+"""A small process that starts a command: one that was large would leave its own memory to what it starts."""
+
+
 def whole_commands(root: Path, repeats: int) -> list[Figure]:
     """Seconds by the clock and megabytes of commands in processes of their own.
 
@@ -30,14 +39,17 @@ def whole_commands(root: Path, repeats: int) -> list[Figure]:
     sample = ["map", "--dataset", "sample", "--root", str(root)]
     with tempfile.TemporaryDirectory() as folder:
         for k in range(repeats):
-            start.append(_run(["doctor"])[0])
+            start.append(_run(["map", "--help"])[0])
             demo.append(_run([*sample, "--jobs", str(cores), "--out", f"{folder}/{k}"])[0])
             one.append(_run([*sample, "--jobs", "1", "--out", f"{folder}/one{k}"])[1])
     what = f"medians of {repeats}; `objgraph map --dataset sample`, the scan being there"
     return [
         _figure("demo_seconds", demo, 60.0, f"seconds by the clock, {cores} processes; {what}"),
         _figure(
-            "start_seconds", start, None, f"seconds by the clock of `objgraph doctor`, median of {repeats}"
+            "start_seconds",
+            start,
+            None,
+            f"seconds by the clock of `objgraph map --help`, median of {repeats}",
         ),
         _figure("peak_mb", one, None, f"MB, one process; {what}"),
     ]
@@ -65,18 +77,12 @@ def _clocked(call: Callable[[], object]) -> float:
 def _run(arguments: list[str]) -> tuple[float, float]:
     """Seconds, and megabytes of its largest process."""
     begun = time.perf_counter()
-    process = subprocess.Popen(
-        [sys.executable, "-m", "objgraph.cli", "-q", *arguments],
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.PIPE,
-    )
-    assert process.stderr is not None
-    said = process.stderr.read().decode(errors="replace")
-    _, status, usage = os.wait4(process.pid, 0)
-    process.returncode = os.waitstatus_to_exitcode(status)
-    if process.returncode:
-        raise EvaluationError(f"objgraph {' '.join(arguments)} failed: {said.strip()[-300:]}")
-    return time.perf_counter() - begun, usage.ru_maxrss / 1024
+    command = [sys.executable, "-m", "objgraph.cli", "-q", *arguments]
+    done = subprocess.run([sys.executable, "-S", "-c", _BETWEEN, *command], capture_output=True, text=True)
+    seconds = time.perf_counter() - begun
+    if done.returncode:
+        raise EvaluationError(f"objgraph {' '.join(arguments)} failed: {done.stderr.strip()[-300:]}")
+    return seconds, float(done.stdout) / 1024
 
 
 def _figure(name: str, found: list[float], aim: float | None, what: str) -> Figure:

@@ -7,6 +7,7 @@ from typing import Any
 
 import pytest
 
+from objgraph.cli import map as map_command
 from objgraph.cli.main import main
 from objgraph.datasets import scannet
 from objgraph.observation.frames import Scan
@@ -84,19 +85,40 @@ def test_a_scan_that_fails_stops_no_other_and_is_tried_again(scans, tmp_path, ca
     assert "holds a map of other settings" in capsys.readouterr().err.replace("\n", "")
 
 
+def test_an_error_that_nobody_foresaw_is_that_scan_s_alone(scans, tmp_path, monkeypatch, capsys):
+    def fail(folder, *_):
+        if folder.name == "a":
+            raise OSError(28, "No space left on device")
+        return folder
+
+    monkeypatch.setattr(map_command, "write_report", fail)
+    (tmp_path / "two words.txt").write_text(" a \n\nb\n")
+    assert (
+        run(scans, tmp_path / "out", "--scenes", str(tmp_path / "two words.txt"), "--jobs", "1", *NOTHING)
+        == 1
+    )
+    said = capsys.readouterr()
+    assert "a: failed: OSError: [Errno 28] No space left on device" in said.out
+    assert "b: 0 of 1 objects" in said.out
+    assert "1 of 2 scans failed: a" in said.err
+
+
 @pytest.mark.parametrize(
     ("options", "problem"),
     [
         (["--scenes", "nofile"], "--scenes takes 'all' or a file of names"),
         (["--scenes", "EMPTY"], "there is no scan"),
+        (["--scenes", "HERE"], "'.' is no name of a scan"),
+        (["--scenes", "all", "--jobs", "0"], "--jobs"),
         (["--scenes", "UP"], "'../a' is no name of a scan"),
         (["--scenes", "all", "--scene", "a"], "--scene names one scan, --scenes many"),
     ],
 )
 def test_what_is_no_list_of_scans_is_told(options, problem, scans, tmp_path, capsys):
     (tmp_path / "EMPTY").write_text("\n")
-    (tmp_path / "UP").write_text("../a\n")
-    options = [str(tmp_path / word) if word in ("EMPTY", "UP") else word for word in options]
+    (tmp_path / "UP").write_text("a\n../a\n")
+    (tmp_path / "HERE").write_text(".\n")
+    options = [str(tmp_path / word) if word in ("EMPTY", "UP", "HERE") else word for word in options]
     assert run(scans, tmp_path / "out", *options) == 1
     assert problem in capsys.readouterr().err.replace("\n", "")
     assert not (tmp_path / "out").exists()

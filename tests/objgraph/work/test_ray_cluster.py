@@ -55,7 +55,7 @@ def test_a_piece_that_kills_every_worker_costs_itself_alone():
     found = dict(spread([partial(worked, what) for what in ("a", "die", "b")], RAY))
     assert (found[0], found[2]) == ("a", "b")
     assert isinstance(found[1], ProcessError)
-    assert "died 4 times" in str(found[1])
+    assert "in 4 tries" in str(found[1])
 
 
 def test_a_mistake_is_raised_here_and_ends_the_others(cluster):
