@@ -45,9 +45,15 @@ FIRST = {
     "evaluate-prior": ["--category chair --meshes {absent} --json {new}.json", "--category chair --meshes {folder} --json {new}.json"],
     "segment": ["--root {absent}", "--root {folder} --weights {absent}"],
     "sensor": ["--root {absent} --out {new}.json", "--root {folder} --out {new}.json", "--dataset kitti --root {folder} --out {new}.json"],
+    "bench": ["--parts nothing --json {new}.json", "--parts nothing"],
     "doctor": ["", "--root {folder}", "--root {absent} --out {new}", "--dataset kitti --root {folder} --out {new}"],
 }  # fmt: skip
-KEPT = {"train": {"--meshes", "--category"}, "evaluate": {"--dataset", "--root"}, "map": {"--dataset"}}
+KEPT = {
+    "train": {"--meshes", "--category"},
+    "evaluate": {"--dataset", "--root"},
+    "map": {"--dataset"},
+    "bench": {"--parts"},
+}
 """Options that would begin hours of work if another word came after them."""
 
 
