@@ -34,7 +34,11 @@ def read(path: Path) -> Node:
         node.count += int(count)
         for frame in stack.split(";"):
             found = _FRAME.match(frame)
-            if found is None or found["name"].split(".")[-1] in _HIDDEN:
+            if (
+                found is None
+                or found["name"].split(".")[-1] in _HIDDEN
+                or found["file"].endswith("__main__.py")
+            ):
                 continue
             name = f"{found['name']}\n{found['file']}" if found["name"] != "<module>" else "import\n"
             if name == node.name:
