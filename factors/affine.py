@@ -58,11 +58,10 @@ def through(
     layer: nn.Module,
     x: Float[Tensor, "n i"],
     bias: Float[Tensor, "o"] | None = None,
-    activation: Activation = "none",
 ) -> Float[Tensor, "n o"]:
     """`affine` by a linear layer's weights, and by its own bias unless another is given."""
     assert isinstance(layer, nn.Linear)
-    return affine(x, layer.weight, layer.bias if bias is None else bias, activation)
+    return affine(x, layer.weight, layer.bias if bias is None else bias)
 
 
 def _product(x: Tensor, weight: Tensor, bias: Tensor | None) -> Tensor:
