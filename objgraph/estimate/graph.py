@@ -18,9 +18,10 @@ from objgraph.observation.sampling import thinned
 
 @dataclass(frozen=True)
 class GraphEstimator:
-    """Every start is solved at the coarsest slope on few points; the likeliest is solved to the end on all.
+    """Every start is solved at the coarsest slope; the likeliest is solved to the end.
 
-    Where a prior's first guess says how likely the starts are, they are the headings that the object may have; of other
+    Where a prior's first guess says how likely the starts are, they are the headings that the object may have, and are told
+    apart on few points; of other
     objects turns are searched for afterwards, and one that is cheaper is solved to the end as well.
     """
 
@@ -29,7 +30,7 @@ class GraphEstimator:
     heading_modes: HeadingModesConfig | None = field(default_factory=HeadingModesConfig)
     """None takes the heading that was found as the only one."""
     few: int = 300
-    """Surface points, and rays, of all views together that starts are told apart on."""
+    """Surface points, and rays, of all views together that the headings of a first guess are told apart on."""
     gravity: bool = True
     """Whether it is told where up and the floor are; without, no object need be upright or stand."""
     watch: Callable[[Problem], None] | None = field(default=None, compare=False)
@@ -47,7 +48,8 @@ class GraphEstimator:
         if (refused := unusable(task)) is not None:
             return refused
         told = task if self.gravity else replace(task, up_world=None, floor=None)
-        thin = replace(told, views=tuple(thinned(told.views, self.few, self.few)))
+        # without a first guess starts were told apart on few points before
+        thin = replace(told, views=tuple(thinned(told.views, self.few, self.few))) if told.chances else told
         try:
             whole = self._single(told, told.starts[0])
             return _Attempts(told, [self._single(thin, start) for start in told.starts], whole)
@@ -103,7 +105,7 @@ class _Attempts:
 
     task: EstimationTask
     tried: list[SingleObject]
-    """On few points."""
+    """On few points, where a first guess proposed them."""
     whole: SingleObject
     """On all."""
     cost_initial: float = np.nan
