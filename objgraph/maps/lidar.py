@@ -23,7 +23,7 @@ from objgraph.priors.mesh import RESOLUTIONS
 from objgraph.priors.registry import prior_for
 from objgraph.priors.shape_prior import ShapePrior
 from objgraph.priors.store import load_prior_file
-from objgraph.work import Engine, Workers, spread
+from objgraph.work import Engine, Workers, prepare, spread
 
 
 @dataclass(frozen=True)
@@ -67,6 +67,8 @@ def map_lidar(
     checks.instance("frame", frame, LidarFrame, ObservationError)
     jobs = checks.whole("jobs", jobs, checks.Range(1), ConfigError)
     tell = progress or (lambda what, done, total: None)
+    if jobs > 1 and engine == "local":
+        prepare(__name__)
     given = [load_prior_file(Path(path)) for path in config.priors]
     find_prior = partial(prior_for, given=given)
     count, entries = len(frame.detections), {}

@@ -42,7 +42,7 @@ from objgraph.priors.registry import prior_for
 from objgraph.priors.shape_prior import ShapePrior
 from objgraph.priors.store import load_prior_file
 from objgraph.trust.calibration import Calibration, load_calibration, shipped_calibration
-from objgraph.work import Engine, Workers, spread
+from objgraph.work import Engine, Workers, prepare, spread
 
 log = logging.getLogger(__name__)
 
@@ -130,6 +130,8 @@ def map_scan(
     find_prior = partial(prior_for, given=given)
     calibration_of(config)  # a file that is none is told before the work
     tell = progress or (lambda what, done, total: None)
+    if jobs > 1 and engine == "local":
+        prepare(__name__)
     index = summarize(scan.frames, config.view, lambda done, total: tell("reading frames", done, total))
     floor = scene_floor(scan)
     count, entries = len(scan.instances), {}

@@ -1,7 +1,7 @@
 """Work done by this process, by others of this machine, or by a Ray cluster, with the same result."""
 
-from objgraph.work.processes import process_pool
+from objgraph.work.processes import prepare, process_pool
 from objgraph.work.spread import HERE, Engine, Workers, spread
 from objgraph.work.worker import begin_worker, threads
 
-__all__ = ["HERE", "Engine", "Workers", "begin_worker", "process_pool", "spread", "threads"]
+__all__ = ["HERE", "Engine", "Workers", "begin_worker", "prepare", "process_pool", "spread", "threads"]

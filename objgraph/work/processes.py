@@ -6,7 +6,7 @@ from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from functools import partial
-from multiprocessing import active_children, get_context
+from multiprocessing import active_children, forkserver, get_all_start_methods, get_context
 from typing import Literal, TypeVar
 
 from objgraph.errors import ObjectGraphError, ProcessError
@@ -15,6 +15,17 @@ from objgraph.work.worker import begin_worker, heard, listen
 log = logging.getLogger(__name__)
 
 Result = TypeVar("Result")
+Start = Literal["copy", "fork"]
+"""Copies of a process that has read the libraries, and nothing else, or forks of this one, with all that it holds."""
+
+
+def prepare(module: str) -> None:
+    """Have `module` read, beside what is done here, by the process whose copies later pools are."""
+    if _copies() == "forkserver":
+        forkserver.set_forkserver_preload(
+            ["__main__", module]
+        )  # too late for one that runs: its copies read it
+        forkserver.ensure_running()
 
 
 def spread_over_processes(
@@ -60,7 +71,7 @@ def _in_processes(
 def process_pool(
     jobs: int,
     error: type[ObjectGraphError],
-    start: Literal["spawn", "fork"] = "spawn",
+    start: Start = "copy",
     begin: Callable[[], None] | None = None,
 ) -> Iterator[ProcessPoolExecutor]:
     """A pool of single-threaded processes; stopped (by Ctrl-C, or by an error) it does not wait for what is in progress.
@@ -71,7 +82,7 @@ def process_pool(
         error: a process died.
     """
     others = set(active_children())
-    pool = ProcessPoolExecutor(jobs, get_context(start), _begin, (begin,))
+    pool = ProcessPoolExecutor(jobs, get_context("fork" if start == "fork" else _copies()), _begin, (begin,))
     try:
         yield pool
     except BaseException as problem:
@@ -85,6 +96,11 @@ def process_pool(
         raise
     finally:
         pool.shutdown(cancel_futures=True)
+
+
+def _copies() -> Literal["forkserver", "spawn"]:
+    """How processes are begun that hold nothing of this one; not every system copies."""
+    return "forkserver" if "forkserver" in get_all_start_methods() else "spawn"
 
 
 def _begin(further: Callable[[], None] | None) -> None:

@@ -9,7 +9,7 @@ from types import ModuleType
 from typing import Any, TypeVar
 
 from objgraph.errors import ProcessError
-from objgraph.work.worker import heard, listen, threads
+from objgraph.work.worker import heard, listen
 
 Result = TypeVar("Result")
 
@@ -51,8 +51,7 @@ def _piece(
     listen(level)
     with suppress(OSError):  # of another machine, where relative paths then lead nowhere
         os.chdir(folder)
-    with threads(1):
-        return heard(work)
+    return heard(work)
 
 
 def _result(ray: ModuleType, done: Any) -> Any:

@@ -11,6 +11,8 @@ from multiprocessing import parent_process
 from queue import SimpleQueue
 from typing import TypeVar
 
+from threadpoolctl import threadpool_limits
+
 Result = TypeVar("Result")
 
 _TOLD: SimpleQueue[logging.LogRecord] = SimpleQueue()
@@ -24,8 +26,10 @@ def listen(level: int) -> None:
 
 
 def heard(work: Callable[[], Result]) -> tuple[Result, list[logging.LogRecord]]:
-    """What comes of a piece of work, and what was logged on the way."""
-    result, records = work(), []
+    """What comes of a piece of work, of one thread, and what was logged on the way."""
+    records = []
+    with threads(1):
+        result = work()
     while not _TOLD.empty():
         records.append(_TOLD.get())
     return result, records
@@ -33,13 +37,14 @@ def heard(work: Callable[[], Result]) -> tuple[Result, list[logging.LogRecord]]:
 
 @contextmanager
 def threads(count: int) -> Iterator[None]:
-    """So many of torch's threads for a while."""
+    """So many of torch's threads, and of the other libraries', for a while."""
     import torch
 
     before = torch.get_num_threads()
     torch.set_num_threads(count)
     try:
-        yield
+        with threadpool_limits(count, "blas"):  # numpy's and scipy's, which fight over cores
+            yield
     finally:
         torch.set_num_threads(before)
 
@@ -50,6 +55,7 @@ def begin_worker() -> None:
 
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent sees to it
     torch.set_num_threads(1)
+    threadpool_limits(1, "blas")
     # a pool's processes would go on for ever after a parent that was killed
     threading.Thread(target=_end_with_parent, daemon=True).start()
 

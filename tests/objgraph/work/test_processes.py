@@ -28,7 +28,7 @@ def told(i: int) -> tuple[int, int]:
     return 10 * i, torch.get_num_threads()
 
 
-@pytest.mark.parametrize("start", ["spawn", "fork"])
+@pytest.mark.parametrize("start", ["copy", "fork"])
 def test_a_process_that_dies_is_told_in_a_line(start):
     def work() -> None:
         with process_pool(1, PriorError, start) as pool:

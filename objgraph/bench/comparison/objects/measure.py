@@ -7,7 +7,6 @@ from functools import cache
 from typing import Any
 
 import numpy as np
-import torch
 import trimesh
 
 from objgraph.bench.comparison.contenders.methods import Clock, StartKind, estimated, failure_of, method
@@ -32,6 +31,7 @@ from objgraph.priors.mesh import extract_mesh
 from objgraph.priors.shape_prior import ShapePrior
 from objgraph.synthetic.photograph import MEASURED
 from objgraph.trust.evidence import evidence_of
+from objgraph.work import threads
 
 log = logging.getLogger(__name__)
 
@@ -87,20 +87,17 @@ def measure(job: Job, config: ComparisonConfig, version: str = "") -> Iterator[O
     for name, digest in job.todo.items():
         chosen, start = method_and_start(name)
         rows[name] = replace(blank, method=chosen, start=start, settings=digest)
-    threads = torch.get_num_threads()
-    torch.set_num_threads(config.threads)
-    try:
-        scan = case.scan()
-        frames = {i: scan.frames[i] for i in case.views(views)}
-        truth = scan.ground_truth[case.instance.id]
-        seen = _Seen(scan, scene_floor(scan), frames, truth, find_prior(case.category, config.priors))
-        rows = {name: _with_truth(row, seen) for name, row in rows.items()}
-        yield from _from_starts(case, seen, rows, config)
-    except Exception as error:  # no object may stop the others
-        log.debug("%s", case.id, exc_info=True)
-        yield from (replace(row, failure=failure_of(error)) for row in rows.values())
-    finally:
-        torch.set_num_threads(threads)
+    with threads(config.threads):
+        try:
+            scan = case.scan()
+            frames = {i: scan.frames[i] for i in case.views(views)}
+            truth = scan.ground_truth[case.instance.id]
+            seen = _Seen(scan, scene_floor(scan), frames, truth, find_prior(case.category, config.priors))
+            rows = {name: _with_truth(row, seen) for name, row in rows.items()}
+            yield from _from_starts(case, seen, rows, config)
+        except Exception as error:  # no object may stop the others
+            log.debug("%s", case.id, exc_info=True)
+            yield from (replace(row, failure=failure_of(error)) for row in rows.values())
 
 
 def _from_starts(
