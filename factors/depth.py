@@ -36,7 +36,9 @@ _NEGLIGIBLE = 1e-7
 
 
 _NEAR = 0.1
-"""Canonical distance from the surface within which the decoder's own gradient gives the metric."""
+"""Canonical distance from the surface within which the decoder's own gradient gives the metric, unless it is farther than ..."""
+_FLAT = 16.0
+"""... this over the slope of the occupancy, which is 0 or 1 from there on."""
 
 
 @dataclass(frozen=True)
@@ -140,7 +142,7 @@ class DepthFactor(ObservationFactor):
         with torch.no_grad():
             value = self.decoder(query.p_object, query.code[None]).cpu()
         self.remember(query, value)
-        metric = self._metric(query, value, state)
+        metric = self._metric(query, value, state, annealing)
         metres = metric.metres.view_as(cells.depth)
         sdf, sdf_sigma = metres * value.double().view_as(metres), self._prior_sigma * metres
         samples = RaySamples(sdf, sdf_sigma.clamp_min(1e-6), cells, targets, annealing.slope)
@@ -248,14 +250,15 @@ class DepthFactor(ObservationFactor):
         cells = choose_cells(start, end, metres * sdf, targets.depth, step_at, self._sampling.cells, band)
         return replace(cells, far=torch.as_tensor(far))
 
-    def _metric(self, query: SdfQuery, value: Tensor, state: ObjectState) -> MetricSdf:
+    def _metric(self, query: SdfQuery, value: Tensor, state: ObjectState, annealing: Annealing) -> MetricSdf:
         """Metres per canonical unit of every cell; away from the surface, where it hardly matters, their mean."""
-        metres = torch.full((len(value),), float(np.exp(state.log_scale.mean())), dtype=torch.float64)
+        mean = float(np.exp(state.log_scale.mean()))
+        metres = torch.full((len(value),), mean, dtype=torch.float64)
         share = torch.full((len(value), 3), 1 / 3, dtype=torch.float64)
-        near = torch.nonzero(value.abs() < _NEAR)[:, 0]
+        near = torch.nonzero(value.abs() < min(_NEAR, _FLAT / (annealing.slope * mean)))[:, 0]
         if len(near):
-            jet = self.decoder.linearize(query.take(near).p_object, query.code[None]).cpu()
-            metres[near], share[near], _ = MetricSdf.of(jet.d_point, state)
+            d_point = self.decoder.gradient(query.take(near).p_object, query.code).cpu()
+            metres[near], share[near], _ = MetricSdf.of(d_point, state)
         return MetricSdf(metres, share, np.array(state.log_scale))
 
     def _points(self, rays: np.ndarray, depth: Tensor) -> np.ndarray:

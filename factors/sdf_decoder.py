@@ -115,6 +115,16 @@ class SdfDecoder(nn.Module, ABC):
                 parts.append([each[:n] for each in (value, d_point, d_code)])
         return SdfJet(*(part[0] if len(parts) == 1 else torch.cat(part) for part in zip(*parts, strict=True)))
 
+    def gradient(self, points: Float[Tensor, "n 3"], code: Float[Tensor, "l"]) -> Float[Tensor, "n 3"]:
+        """Derivative of the signed distance of points of one shape w.r.t. them, which `linearize` gives too and for more."""
+        self._check(code[None], None)
+        with torch.no_grad():
+            entered = self._enter(code.detach()[None])
+            parts = [
+                self._linearize(p.detach(), entered)[1][:n] for n, p, _ in _pieces(points, None, _IN_CACHE)
+            ]
+        return parts[0] if len(parts) == 1 else torch.cat(parts)
+
     def _linearize(
         self, points: Float[Tensor, "n 3"], injected: dict[str, Float[Tensor, "m w"]]
     ) -> tuple[Float[Tensor, "n"], Float[Tensor, "n 3"], dict[str, Float[Tensor, "n w"]]]:

@@ -63,7 +63,7 @@ class GraphEstimator:
         solve([single for attempt in attempts for single in attempt.tried], first)
         last = self.solver.slopes[-1]
         for attempt in attempts:
-            attempt.choose(self.heading_modes, last)
+            attempt.choose(self.heading_modes)
         solve([attempt.chosen for attempt in attempts if attempt.is_good], self.solver, progress)
         if self.heading_modes is not None:
             blind = [attempt for attempt in attempts if attempt.is_good and not attempt.task.chances]
@@ -108,7 +108,6 @@ class _Attempts:
     """On few points, where a first guess proposed them."""
     whole: SingleObject
     """On all."""
-    cost_initial: float = np.nan
     turns: HeadingModes | None = None
     linearizations: int = 0
     """Beside those of `tried`."""
@@ -119,9 +118,9 @@ class _Attempts:
     def is_good(self) -> bool:
         return self.chosen.failure is None
 
-    def choose(self, headings: HeadingModesConfig | None, slope: float) -> None:
+    def choose(self, headings: HeadingModesConfig | None) -> None:
         """Go on with all points from the likeliest, by what it costs and by the first guess, and say how likely other
-        headings are and, at the slope at which the end will be judged, what its start costs."""
+        headings are."""
         temperature = (headings or HeadingModesConfig()).temperature
         unlikely = -temperature * np.log(self.task.chances or np.ones(len(self.tried)))
         costs = [
@@ -134,11 +133,6 @@ class _Attempts:
         if self.is_good and headings is not None and self.task.chances:
             states = [single.state for single in self.tried]
             self.turns = HeadingModes.of_states(states, np.array(costs), best, temperature)
-        if self.is_good:
-            try:
-                self.cost_initial = self.chosen.cost_of_start(slope)
-            except (ObjectGraphError, RuntimeError) as error:
-                self.chosen.failure = str(error)
 
     def estimate(self, slope: float) -> Estimate | SolveError:
         problem = self.chosen
@@ -151,7 +145,7 @@ class _Attempts:
         return Estimate(
             self.chosen.state,
             covariance,
-            self.cost_initial,
+            problem.cost_initial,
             problem.cost,
             self.linearizations + sum(single.linearizations for single in self.tried),
             self.error_evaluations + sum(single.error_evaluations for single in self.tried),

@@ -44,7 +44,7 @@ class Estimate:
     covariance: ObjectCovariance | None
     """None for an estimator that gives none."""
     cost_initial: float
-    """Of the first start, in the estimator's own objective."""
+    """Where the last minimisation began, in the estimator's own objective."""
     cost_final: float
     linearizations: int
     """Evaluations of loss and derivatives."""

@@ -1,6 +1,6 @@
 """One object in a graph of its own, seen from cameras that are known, exactly or nearly."""
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import gtsam
 import numpy as np
@@ -19,18 +19,12 @@ ALONE = ObjectKeys.numbered(0)
 
 @dataclass
 class SingleObject(Problem):
-    """An object's own problem, and where its estimate began."""
-
-    start: gtsam.Values = field(default_factory=gtsam.Values)
+    """An object's own problem."""
 
     @property
     def state(self) -> ObjectState:
         """The current estimate."""
         return ObjectState.from_values(self.values, ALONE)
-
-    def cost_of_start(self, slope: float) -> float:
-        """What the start costs with samples and weights of its own, at an occupancy slope."""
-        return replace(self, values=self.start).refreshed_cost(slope)
 
     def marginals(self) -> ObjectCovariance:
         """The graph's joint covariance of pose, log-scale and code; raises SolveError where undetermined."""

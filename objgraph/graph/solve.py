@@ -195,39 +195,40 @@ def _levenberg_marquardt(
     problems: Sequence[Problem], config: LevenbergMarquardtConfig, check: bool = False
 ) -> list[Problem]:
     steps = [_Step(p, max(config.initial_damping, p.damping), unchecked=check) for p in problems]
-    _decode(steps, trial=False)
+    _decode(steps, jacobian=False)
     for step in steps:
         step.done = not _guarded(step.problem, _start)
     for _ in range(config.iterations):
+        _decode([step for step in steps if not step.done and step.linear is None], jacobian=True)
         running = [step for step in steps if not step.done]
         for step in running:
             step.done = not _guarded(step.problem, lambda _, s=step: _propose(s))
         running = [step for step in running if not step.done]
         if not running:
             break
-        # the decoder's derivatives are asked for at once: most trials are accepted and then need them
-        _decode(running, trial=True)
+        _decode(running, jacobian=False)
         for step in running:
             judged = _guarded(step.problem, lambda _, s=step: _judge(s, config))
             step.done = step.done or not judged
     return [problem for problem in problems if problem.failure is None]
 
 
-def _decode(steps: Sequence[_Step], trial: bool) -> None:
+def _decode(steps: Sequence[_Step], jacobian: bool) -> None:
+    """What trials ask for, and where there is none, what the estimate does."""
     queries: list[list[tuple[ObservationFactor, SdfQuery]]] = []
     asking: list[Problem] = []
     for step in steps:
         if step.problem.failure is None:
-            values = step.trial if trial and step.trial is not None else step.problem.values
+            values = step.problem.values if step.trial is None else step.trial
             asked = _guarded(
                 step.problem, lambda p, v=values: queries.append([(f, f.query(v)) for f in p.factors])
             )
             asking += [step.problem] * asked
     try:
-        decode([query for each in queries for query in each], jacobian=True)
+        decode([query for each in queries for query in each], jacobian)
     except (ObjectGraphError, RuntimeError, ValueError):  # one of them fails, and alone
         for problem, own in zip(asking, queries, strict=True):
-            _guarded(problem, lambda _, q=own: decode(q, jacobian=True))
+            _guarded(problem, lambda _, q=own: decode(q, jacobian))
 
 
 def _start(problem: Problem) -> None:
@@ -259,7 +260,7 @@ def _judge(step: _Step, config: LevenbergMarquardtConfig) -> None:
     if np.isfinite(cost) and cost < problem.cost and gain > 1e-4:
         least = min(config.relative_tolerance * problem.cost, config.absolute_tolerance)
         step.done = problem.cost - cost < least
-        problem.values, problem.cost, step.linear = step.trial, cost, None
+        problem.values, problem.cost, step.linear, step.trial = step.trial, cost, None, None
         step.damping = max(step.damping * max(1 / 3, 1 - (2 * gain - 1) ** 3), 1e-9)
         problem.damping = step.damping
         step.growth = 2.0

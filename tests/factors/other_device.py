@@ -79,6 +79,11 @@ class FarDecoder(SdfDecoder):
         with torch._C.DisableTorchFunction():
             return SdfJet(*(part.as_subclass(Far) for part in self.own.linearize(*near)))
 
+    def gradient(self, points: Tensor, code: Tensor) -> Tensor:
+        near = self._asked(points, code)
+        with torch._C.DisableTorchFunction():
+            return self.own.gradient(*near).as_subclass(Far)
+
     def _asked(self, *given: Tensor | None) -> list[Any]:
         if any(part is not None and not isinstance(part, Far) for part in given):
             raise RuntimeError("the decoder is elsewhere, and what it is asked is on the CPU")

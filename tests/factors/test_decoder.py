@@ -24,6 +24,7 @@ def test_jacobian_is_autograds_own(settings):
         torch.testing.assert_close(jet.d_point[i], d_point)
         torch.testing.assert_close(jet.d_code[i], d_code)
     torch.testing.assert_close(jet.value, decoder(points, codes).detach())
+    torch.testing.assert_close(decoder.gradient(points, codes[0]), jet.d_point)
 
 
 @pytest.mark.parametrize(
