@@ -16,6 +16,7 @@ from objgraph.bench.speed.against import against_others
 from objgraph.bench.speed.figure import Figure
 from objgraph.bench.speed.floor import over_floor
 from objgraph.bench.speed.many import many_objects
+from objgraph.bench.speed.updates import growing_map
 from objgraph.bench.speed.whole import two_cores, whole_commands
 from objgraph.cli.progress import progress
 from objgraph.cli.run_config import SAMPLE_ROOT
@@ -31,8 +32,8 @@ class BenchCommand:
     json: Path | None = None
     """File for the figures."""
     parts: Annotated[tuple[str, ...], tyro.conf.arg(metavar="[NAME [NAME ...]]")] = ()
-    """These alone: against (other methods), floor (of a linearisation), many (objects), cores, whole
-    (commands). By default all, half an hour."""
+    """These alone: against (other methods), floor (of a linearisation), many (objects), updates (of a growing map), cores,
+    whole (commands). By default all, half an hour."""
     seed: int = 0
     """Of the objects that methods are compared on."""
     objects: int = 4
@@ -83,6 +84,7 @@ def _parts(command: BenchCommand, folder: Path) -> dict[str, Callable[[], Sequen
         "against": lambda: against_others(folder / "against", command.seed, command.objects),
         "whole": lambda: whole_commands(SAMPLE_ROOT, repeats),
         "cores": lambda: [two_cores(folder, repeats)],
+        "updates": lambda: [growing_map(10, command.many, 4 * repeats)],
         "many": lambda: many_objects(10, command.many),
     }
 

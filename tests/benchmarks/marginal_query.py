@@ -1,6 +1,6 @@
 """How long one object's joint marginal takes in a large map: python -m tests.benchmarks.marginal_query 10 100 1000
 
-Toy chairs, each seen by one camera: in an incremental map, where cameras are unknown and all is connected by odometry,
+Crates, each seen by one camera: in an incremental map, where cameras are unknown and all is connected by odometry,
 and in a graph with known cameras, of the posterior (that linearises once) and without. Medians over twenty objects, in
 milliseconds.
 """
@@ -8,32 +8,32 @@ milliseconds.
 import sys
 import time
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import TypeVar
 
 import gtsam
 import numpy as np
 import torch
 
+from objgraph.bench.speed.crates import CRATE, PERIOD, UP, camera
+from objgraph.bench.speed.updates import CONFIG, map_of, solved_crates
 from objgraph.graph.object_graph import ObjectGraph, ObjectHandle
-from tests.benchmarks.incremental_cost import CONFIG, PERIOD, built, camera, corridor, shifted
-from tests.objgraph.slam.test_incremental import UP
-from tests.toys import toy_prior
+from objgraph.priors.fallback import fallback_prior
 
 QUERIES = 20
 T = TypeVar("T")
 
 
 def known_cameras(count: int, solved: Sequence) -> tuple[ObjectGraph, list[ObjectHandle]]:
-    """A graph of `count` chairs and known cameras, at its solution."""
-    prior, graph = (
-        toy_prior(),
-        ObjectGraph(gtsam.NonlinearFactorGraph(), gtsam.Values(), CONFIG.graph, up_world=UP, floor=0.0),
-    )
+    """A graph of `count` crates and known cameras, at its solution."""
+    prior = fallback_prior(CRATE)
+    graph = ObjectGraph(gtsam.NonlinearFactorGraph(), gtsam.Values(), CONFIG.graph, up_world=UP, floor=0.0)
     handles = []
     for i in range(count):
         state, view = solved[i % PERIOD]
         along = i - i % PERIOD
-        handle = graph.add_object(prior, shifted(state, along))
+        T = gtsam.Pose3(gtsam.Rot3(), np.array([float(along), 0.0, 0.0]))
+        handle = graph.add_object(prior, replace(state, T_world_object=T.compose(state.T_world_object)))
         graph.stand_on_floor(handle)
         graph.observe(handle, view, camera(float(i % PERIOD - PERIOD + along)))
         handles.append(handle)
@@ -55,10 +55,10 @@ def milliseconds(query: Callable[[T], object], of: Sequence[T]) -> float:
 
 def main(counts: Sequence[int]) -> None:
     torch.set_num_threads(1)
-    _, solved = corridor()
+    solved = solved_crates()
     print("objects  incremental, ms  posterior, ms  (made in, s)  graph alone, ms")
     for count in counts:
-        growing = built(count, solved)
+        growing = map_of(count, solved)
         graph, handles = known_cameras(count, solved)
         incremental = milliseconds(growing.marginals, growing.objects)
         start = time.perf_counter()

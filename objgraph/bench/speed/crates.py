@@ -1,4 +1,4 @@
-"""A row of crates, as long as one likes, each seen by one camera: maps of any size, of a decoder that costs little."""
+"""A row of crates, as long as one likes, and a camera that goes along it: maps of any size, of a decoder that costs little."""
 
 from collections.abc import Sequence
 

@@ -7,11 +7,12 @@ import numpy as np
 import pytest
 
 from objgraph.bench.comparison.objects.rows import ObjectRow
-from objgraph.bench.speed import crates
+from objgraph.bench.speed import crates, updates
 from objgraph.bench.speed.against import METHODS, figures_of
 from objgraph.bench.speed.figure import Figure, in_turns, ratio
 from objgraph.bench.speed.floor import over_floor
 from objgraph.bench.speed.many import CONFIG, many_objects
+from objgraph.bench.speed.updates import growing_map, map_of, solved_crates
 from objgraph.bench.speed.whole import _run
 from objgraph.cli import bench as bench_command
 from objgraph.cli.main import main
@@ -76,6 +77,21 @@ def test_a_large_map_is_measured_and_read_back():
     assert set(found) == {"object_1000_over_10", "many_mb", "save_seconds", "load_seconds"}
     assert "4 of 4 mapped" in found["object_1000_over_10"].what
     assert all(np.isfinite(each.value) for each in found.values())
+
+
+def test_updates_see_what_the_map_has():
+    found = growing_map(10, 20, 4)
+    assert found.name == "update_1000_over_10"
+    assert found.value > 0
+    objects = map_of(10, solved_crates())
+    assert len(objects.objects) == 10
+
+
+def test_updates_that_see_nothing_known_are_no_measurement(monkeypatch):
+    monkeypatch.setattr(updates, "updates", lambda objects, repeats: [])
+    monkeypatch.setattr(updates, "map_of", lambda count, solved: None)
+    with pytest.raises(EvaluationError, match="only 0 of 4 updates"):
+        growing_map(10, 20, 4)
 
 
 def test_a_command_that_fails_is_told_with_what_it_said():
