@@ -18,6 +18,7 @@ from objgraph.estimate import AdamConfig, AdamEstimator, GaussNewtonConfig, Gaus
 from objgraph.estimate.graph import GraphEstimator
 from objgraph.estimate.task import Estimate, EstimationTask, Estimator, unusable
 from objgraph.graph.builder import GraphConfig
+from objgraph.graph.solve import SolverConfig
 from objgraph.observation.sampling import SamplingConfig
 
 log = logging.getLogger(__name__)
@@ -65,8 +66,9 @@ def _det2d() -> AdamEstimator:
 
 _GRAVITY = ("floor", "upright")
 GN_SHORT = "dsp-slam-gn-short"
-"""Half the iterations, on all that the graph samples: what its time is measured against."""
+"""Half the iterations, damped and with Huber's losses, on all that the graph samples: what its time is measured against."""
 _ALL = 1_000_000
+_STEADY = (RELEASED_GN["damping"], RELEASED_GN["huber"])
 
 METHODS: dict[str, Method] = {
     "start": Method(StandStill, SamplingConfig()),
@@ -94,7 +96,9 @@ METHODS: dict[str, Method] = {
         lambda: changed(GaussNewtonEstimator(), RELEASED_GN.values()), _DENSE, "icp-7dof"
     ),
     GN_SHORT: Method(
-        lambda: GaussNewtonEstimator(GaussNewtonConfig(iterations=10, points=_ALL, rays=_ALL)),
+        lambda: changed(
+            GaussNewtonEstimator(GaussNewtonConfig(iterations=10, points=_ALL, rays=_ALL)), _STEADY
+        ),
         SamplingConfig(),
         "icp-7dof",
     ),
@@ -115,10 +119,22 @@ RELEASED_DIFFERENCES: dict[str, Method] = {
 }
 """`ours`, `ours-det2d` and `dsp-slam-gn`, each with one difference of the released program: `ours+clipping`."""
 
+GRAPH_ENDED: dict[str, Method] = {
+    "graph-guess": Method(StandStill, SamplingConfig(), "best"),
+    **{
+        f"graph-{rounds}-rounds": Method(
+            lambda rounds=rounds: GraphEstimator(solver=SolverConfig(rounds=rounds)), SamplingConfig(), "best"
+        )
+        for rounds in range(SolverConfig.rounds)
+    },
+}
+"""Where the graph begins, and the graph ended after so many rounds with all points: how good it is how soon."""
+
 
 def method(name: str) -> Method:
-    """The method called `name`, or one of `RELEASED_DIFFERENCES`; raises EvaluationError that lists all but these."""
-    found = METHODS.get(name) or RELEASED_DIFFERENCES.get(name)
+    """The method called `name`, or one of `RELEASED_DIFFERENCES` or `GRAPH_ENDED`; raises EvaluationError that lists all but
+    these."""
+    found = METHODS.get(name) or RELEASED_DIFFERENCES.get(name) or GRAPH_ENDED.get(name)
     if found is None:
         raise EvaluationError(f"no method '{name}'; available: {', '.join(METHODS)}")
     return found

@@ -1,14 +1,14 @@
 """Figures of speed: what they are ratios of, that what is timed does its work, and how they are told. No time is judged."""
 
 import json
-from itertools import product
 
 import numpy as np
 import pytest
 
+from objgraph.bench.comparison.contenders.methods import GN_SHORT, GRAPH_ENDED
 from objgraph.bench.comparison.objects.rows import ObjectRow
 from objgraph.bench.speed import crates, updates
-from objgraph.bench.speed.against import METHODS, figures_of
+from objgraph.bench.speed.against import figures_of
 from objgraph.bench.speed.figure import Figure, in_turns, ratio
 from objgraph.bench.speed.floor import over_floor
 from objgraph.bench.speed.many import CONFIG, many_objects
@@ -35,23 +35,45 @@ def test_what_is_measured_in_turns_is_called_in_turns_and_the_first_round_does_n
     assert {name: len(each) for name, each in spent.items()} == {"a": 3, "b": 3}
 
 
-def row(method: str, case: str, seconds: float, failure: str | None = None) -> ObjectRow:
+def row(
+    method: str, case: str, seconds: float, chamfer_m: float | None = 0.02, failure: str | None = None
+) -> ObjectRow:
     return ObjectRow(
         method=method, case=case, dataset="synthetic", category="chair", shape="s", settings="", frames=[0], views=3, seconds_cpu=seconds, start_seconds=1.0,
-        chamfer_m=0.02, failure=failure,
+        chamfer_m=chamfer_m, failure=failure,
     )  # fmt: skip
 
 
+def rows_of(case: str, gn: tuple[float, float], ours: tuple[float, float | None]) -> list[ObjectRow]:
+    """The graph's after 1, 2, ... seconds, ever better but for once; the others' with their seconds and Chamfer distances."""
+    chamfers = [0.09, 0.03, 0.06, 0.05, 0.04, 0.03, 0.02]
+    graph = [
+        row(name, case, float(k), chamfer)
+        for k, (name, chamfer) in enumerate(zip([*GRAPH_ENDED, "graph"], chamfers, strict=True))
+    ]
+    return [*graph, row(GN_SHORT, case, *gn), row("ours", case, *ours)]
+
+
 def test_methods_are_compared_on_objects_that_all_of_them_estimate():
-    seconds = {METHODS[0]: 3.0, METHODS[1]: 1.0, METHODS[2]: 199.0}
-    rows = [row(name, case, seconds[name]) for name, case in product(METHODS, ("a", "b"))]
-    rows += [row(METHODS[0], "c", 1000.0), row(METHODS[1], "c", 1.0, "lost"), row(METHODS[2], "c", 1.0)]
-    gn, ours = figures_of(rows, "toys")
-    assert (gn.name, gn.value, ours.name, ours.value) == ("graph_over_dsp_gn", 2.0, "ours_over_graph", 50.0)
-    assert (gn.reached, ours.reached) == (False, True)
-    assert "2 objects, toys" in gn.what
+    rows = [*rows_of("a", (2.5, 0.055), (199.0, 0.1)), *rows_of("b", (2.5, 0.055), (199.0, 0.1))]
+    rows += [row("graph", "c", 1000.0), row(GN_SHORT, "c", 1.0, failure="lost"), row("ours", "c", 1.0)]
+    found = {each.name: each for each in figures_of(rows, "toys")}
+    assert found["graph_over_dsp_gn"].value == pytest.approx(7 / 3.5)
+    assert found["graph_over_dsp_gn_as_good"].value == pytest.approx(4 / 3.5)  # .03, for once, does not count
+    assert found["ours_over_graph"].value == pytest.approx(200.0)  # the first guess is as good
+    assert found["ours_over_graph_end"].value == pytest.approx(200 / 7)
+    assert not found["graph_over_dsp_gn"].reached
+    assert found["ours_over_graph"].reached
+    assert "2 objects, toys" in found["graph_over_dsp_gn"].what
     with pytest.raises(EvaluationError, match="no object was estimated by all"):
         figures_of(rows[:2], "toys")
+
+
+def test_a_graph_that_never_is_as_good_takes_for_ever():
+    found = {each.name: each for each in figures_of(rows_of("a", (2.5, 0.01), (199.0, None)), "toys")}
+    assert found["graph_over_dsp_gn_as_good"].value == np.inf
+    assert not found["graph_over_dsp_gn_as_good"].reached
+    assert found["ours_over_graph"].value == pytest.approx(200.0)  # they have no surface at all
 
 
 def test_a_linearisation_takes_more_than_its_products(tmp_path):
