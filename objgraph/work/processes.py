@@ -22,9 +22,8 @@ Start = Literal["copy", "fork"]
 def prepare(module: str) -> None:
     """Have `module` read, beside what is done here, by the process whose copies later pools are."""
     if _copies() == "forkserver":
-        forkserver.set_forkserver_preload(
-            ["__main__", module]
-        )  # too late for one that runs: its copies read it
+        # too late for one that runs: its copies read the module themselves
+        forkserver.set_forkserver_preload(["__main__", module])
         forkserver.ensure_running()
 
 
