@@ -234,7 +234,7 @@ class ObjectBuilder:
         factors += [*self.box(prior, ALONE), *self.standing(prior, ALONE)]
         for factor in factors:
             graph.push_back(factor.gtsam_factor())
-        return SingleObject(prior.category, graph, values, factors)
+        return SingleObject(prior.category, graph, values, factors, start=values)
 
     def _pose_noise(self) -> gtsam.noiseModel.Base:
         assert self.config.pose_sigma is not None

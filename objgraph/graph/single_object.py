@@ -1,6 +1,6 @@
 """One object in a graph of its own, seen from cameras that are known, exactly or nearly."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import gtsam
 import numpy as np
@@ -19,7 +19,9 @@ ALONE = ObjectKeys.numbered(0)
 
 @dataclass
 class SingleObject(Problem):
-    """An object's own problem."""
+    """An object's own problem, and where its estimate began."""
+
+    start: gtsam.Values = field(default_factory=gtsam.Values)
 
     @property
     def state(self) -> ObjectState:
