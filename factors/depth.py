@@ -37,8 +37,8 @@ _NEGLIGIBLE = 1e-7
 
 _NEAR = 0.1
 """Canonical distance from the surface within which the decoder's own gradient gives the metric, unless it is farther than ..."""
-_FLAT = 16.0
-"""... this over the slope of the occupancy, which is 0 or 1 from there on."""
+_FLAT, _DEVIATIONS = 16.0, 6.0
+"""... so many over the slope of the occupancy and of the decoder's deviations: it is 0 or 1 from there on."""
 
 
 @dataclass(frozen=True)
@@ -255,7 +255,8 @@ class DepthFactor(ObservationFactor):
         mean = float(np.exp(state.log_scale.mean()))
         metres = torch.full((len(value),), mean, dtype=torch.float64)
         share = torch.full((len(value), 3), 1 / 3, dtype=torch.float64)
-        near = torch.nonzero(value.abs() < min(_NEAR, _FLAT / (annealing.slope * mean)))[:, 0]
+        reach = min(_NEAR, _FLAT / (annealing.slope * mean) + _DEVIATIONS * self._prior_sigma)
+        near = torch.nonzero(value.abs() < reach)[:, 0]
         if len(near):
             d_point = self.decoder.gradient(query.take(near).p_object, query.code).cpu()
             metres[near], share[near], _ = MetricSdf.of(d_point, state)

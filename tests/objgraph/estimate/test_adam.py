@@ -10,6 +10,7 @@ from factors.gaussian_depth import Probabilistic
 from factors.state import RIGID_DOF
 from objgraph.bench.comparison.contenders.methods import METHODS
 from objgraph.estimate import AdamEstimator, GaussNewtonConfig, GaussNewtonEstimator
+from objgraph.estimate.graph import GraphEstimator
 from objgraph.estimate.task import Estimate
 from tests.objgraph.estimate.adam_cases import (
     DIM,
@@ -50,9 +51,16 @@ def test_together_each_is_estimated_as_if_alone(estimator):
 @pytest.mark.parametrize("name", [name for name in METHODS if not name.startswith("start")])
 def test_every_method_comes_nearer(name):
     one, told = task(), []
-    (found,) = quick(name).estimate([one], lambda done, total: told.append((done, total)))
+    estimator = quick(name)
+    (found,) = estimator.estimate([one], lambda done, total: told.append((done, total)))
     assert isinstance(found, Estimate)
-    assert found.cost_final < found.cost_initial
+    began = found.cost_initial
+    if isinstance(estimator, GraphEstimator):  # whose last minimisation begins near the end
+        seen = one if estimator.gravity else replace(one, up_world=None, floor=None)
+        begin = estimator._single(seen, one.starts[0])
+        assert found.cost_final < found.cost_initial
+        began = begin.refreshed_cost(estimator.solver.slopes[-1])
+    assert found.cost_final < 0.8 * began
     assert pose_error(found.state) < pose_error(one.starts[0])
     assert told
     assert told == sorted(told)
