@@ -36,9 +36,7 @@ _NEGLIGIBLE = 1e-7
 
 
 _NEAR = 0.1
-"""Canonical distance from the surface within which the decoder's own gradient gives the metric, unless it is farther than ..."""
-_FLAT, _DEVIATIONS = 16.0, 6.0
-"""... so many over the slope of the occupancy and of the decoder's deviations: it is 0 or 1 from there on."""
+"""Canonical distance from the surface within which the decoder's own gradient gives the metric."""
 
 
 @dataclass(frozen=True)
@@ -142,7 +140,7 @@ class DepthFactor(ObservationFactor):
         with torch.no_grad():
             value = self.decoder(query.p_object, query.code[None]).cpu()
         self.remember(query, value)
-        metric = self._metric(query, value, state, annealing)
+        metric = self._metric(query, value, state)
         metres = metric.metres.view_as(cells.depth)
         sdf, sdf_sigma = metres * value.double().view_as(metres), self._prior_sigma * metres
         samples = RaySamples(sdf, sdf_sigma.clamp_min(1e-6), cells, targets, annealing.slope)
@@ -250,13 +248,11 @@ class DepthFactor(ObservationFactor):
         cells = choose_cells(start, end, metres * sdf, targets.depth, step_at, self._sampling.cells, band)
         return replace(cells, far=torch.as_tensor(far))
 
-    def _metric(self, query: SdfQuery, value: Tensor, state: ObjectState, annealing: Annealing) -> MetricSdf:
+    def _metric(self, query: SdfQuery, value: Tensor, state: ObjectState) -> MetricSdf:
         """Metres per canonical unit of every cell; away from the surface, where it hardly matters, their mean."""
-        mean = float(np.exp(state.log_scale.mean()))
-        metres = torch.full((len(value),), mean, dtype=torch.float64)
+        metres = torch.full((len(value),), float(np.exp(state.log_scale.mean())), dtype=torch.float64)
         share = torch.full((len(value), 3), 1 / 3, dtype=torch.float64)
-        reach = min(_NEAR, _FLAT / (annealing.slope * mean) + _DEVIATIONS * self._prior_sigma)
-        near = torch.nonzero(value.abs() < reach)[:, 0]
+        near = torch.nonzero(value.abs() < _NEAR)[:, 0]
         if len(near):
             d_point = self.decoder.gradient(query.take(near).p_object, query.code).cpu()
             metres[near], share[near], _ = MetricSdf.of(d_point, state)

@@ -50,9 +50,9 @@ class SolverConfig:
     rounds: int = 5
     """Rounds at most."""
     relative_tolerance: float = 5e-3
-    """Stop at the last slope where a round begins with the promise of less than this share of the cost."""
+    """Stop at the last slope where a round lowers the refreshed cost by less than this share of it."""
     absolute_tolerance: float = 1.0
-    """... or of less than this, in units of the cost: half a squared standard deviation."""
+    """... and by less than this, in units of the cost: half a squared standard deviation."""
     inner: LevenbergMarquardtConfig = field(default_factory=LevenbergMarquardtConfig)
 
     def __post_init__(self) -> None:
@@ -131,19 +131,16 @@ def solve(
     for round_index in range(config.rounds):
         slope = config.slopes[min(round_index, len(config.slopes) - 1)]
         active = [problem for problem in active if _guarded(problem, lambda p, s=slope: p.refresh(s))]
-        again = round_index >= len(config.slopes)
-        if again:
-            active = [problem for problem in active if _guarded(problem, lambda p: _keep(p, best))]
-        active = _levenberg_marquardt(
-            active, config.inner, refuse_undetermined and round_index == 0, config if again else None
-        )
+        if round_index >= len(config.slopes):
+            active = [p for p in active if _still_falling(p, best, config)]
+        active = _levenberg_marquardt(active, config.inner, refuse_undetermined and round_index == 0)
         if progress is not None:
             progress(round_index + 1, config.rounds)
         if not active:
             break
-    for problem in problems:
-        if problem.failure is None and _guarded(problem, lambda p: p.refresh(last)):
-            _guarded(problem, lambda p: _keep(p, best))
+    for problem in active:
+        if _guarded(problem, lambda p: p.refresh(last)):
+            _still_falling(problem, best, config)
     for problem in problems:
         if id(problem) in best:
             start = (problem.cost_initial, starts[id(problem)])
@@ -157,11 +154,18 @@ def _begin(problem: Problem, slope: float) -> None:
         raise SolveError(f"the cost at the start is {problem.cost_initial}")
 
 
-def _keep(problem: Problem, best: dict[int, tuple[float, gtsam.Values]]) -> None:
-    """The refreshed problem's values, if they are its best so far."""
-    cost = problem.graph.error(problem.values)
-    if cost < best.get(id(problem), (np.inf, problem.values))[0]:
+def _still_falling(
+    problem: Problem, best: dict[int, tuple[float, gtsam.Values]], config: SolverConfig
+) -> bool:
+    """Keep the refreshed problem's values if they are its best so far, and say whether they were much better."""
+    costs: list[float] = []
+    if not _guarded(problem, lambda p: costs.append(p.graph.error(p.values))):
+        return False
+    (cost,) = costs
+    before = best.get(id(problem), (np.inf, problem.values))[0]
+    if cost < before:
         best[id(problem)] = (cost, gtsam.Values(problem.values))
+    return before - cost > min(config.relative_tolerance * cost, config.absolute_tolerance)
 
 
 def minimize(problem: Problem, config: LevenbergMarquardtConfig | None = None) -> None:
@@ -183,31 +187,22 @@ class _Step:
     trial: gtsam.Values | None = None
     predicted: float = 0.0
     done: bool = False
-    ended: bool = False
-    """Whether more rounds are not worth it."""
     unchecked: bool = False
     """Whether to refuse the problem if its first linearisation is singular."""
 
 
 def _levenberg_marquardt(
-    problems: Sequence[Problem],
-    config: LevenbergMarquardtConfig,
-    check: bool = False,
-    again: SolverConfig | None = None,
+    problems: Sequence[Problem], config: LevenbergMarquardtConfig, check: bool = False
 ) -> list[Problem]:
-    """Those that may be minimised further: none that failed or, `again`, whose first step promised less than it has to."""
     steps = [_Step(p, max(config.initial_damping, p.damping), unchecked=check) for p in problems]
     _decode(steps, jacobian=False)
     for step in steps:
         step.done = not _guarded(step.problem, _start)
-    for iteration in range(config.iterations):
+    for _ in range(config.iterations):
         _decode([step for step in steps if not step.done and step.linear is None], jacobian=True)
         running = [step for step in steps if not step.done]
         for step in running:
             step.done = not _guarded(step.problem, lambda _, s=step: _propose(s))
-            if again is not None and iteration == 0:
-                step.ended = step.predicted < _least(again, step.problem.cost)
-                step.done = step.done or step.ended
         running = [step for step in running if not step.done]
         if not running:
             break
@@ -215,12 +210,7 @@ def _levenberg_marquardt(
         for step in running:
             judged = _guarded(step.problem, lambda _, s=step: _judge(s, config))
             step.done = step.done or not judged
-    return [step.problem for step in steps if step.problem.failure is None and not step.ended]
-
-
-def _least(config: LevenbergMarquardtConfig | SolverConfig, cost: float) -> float:
-    """By how much a cost should fall."""
-    return min(config.relative_tolerance * cost, config.absolute_tolerance)
+    return [problem for problem in problems if problem.failure is None]
 
 
 def _decode(steps: Sequence[_Step], jacobian: bool) -> None:
@@ -268,7 +258,8 @@ def _judge(step: _Step, config: LevenbergMarquardtConfig) -> None:
     # capped: where next to nothing was predicted the ratio is that of rounding errors
     gain = min((problem.cost - cost) / max(step.predicted, 1e-300), 10.0)
     if np.isfinite(cost) and cost < problem.cost and gain > 1e-4:
-        step.done = problem.cost - cost < _least(config, problem.cost)
+        least = min(config.relative_tolerance * problem.cost, config.absolute_tolerance)
+        step.done = problem.cost - cost < least
         problem.values, problem.cost, step.linear, step.trial = step.trial, cost, None, None
         step.damping = max(step.damping * max(1 / 3, 1 - (2 * gain - 1) ** 3), 1e-9)
         problem.damping = step.damping
