@@ -2,11 +2,13 @@
 
     python -m objgraph.bench.active --out out/active --objects 50 --jobs 2
 
-Each object stands in a room of its own and is seen once. Then the next view is chosen among 100 cameras that can be held
-about it: by the information that the graph expects of each, at random, or evenly about the object. After each view the
-object is estimated anew. `metrics.json`: how many views chance and even spreading need for the mean error of surfaces
-(`views_*`) and of the boxes' corners (`views_*_box`; `*_right`: over objects that no policy ever has in a wrong heading)
-that the expected information reaches with four, where `reached` says whether they do at all, and how well expected and
+Each object stands in a room of its own and is seen once. Then the next view is chosen among cameras on the reachable half of
+a ring about it, held 1.2 to 1.6 m high: by the information that the graph expects of each, at random, or as far from each other
+as can be. After each view the object is estimated anew, as a map would. `metrics.json`: how many views chance and even
+spreading need for the mean error of surfaces (`views_*`) and of the boxes' corners (`views_*_box`: the mean over all headings that
+the estimate leaves, by their probabilities; `*_right`: over objects that no policy ever has in a wrong heading)
+that the expected information reaches with four, the first among them, where `reached` says whether they do at all and `interval` is
+95 % of bootstrap draws of objects; and how well expected and
 realised information go together, over all views and over those after which the object stands as before (within 45
 degrees). Finished objects are not run again.
 """
@@ -22,39 +24,50 @@ import gtsam
 import matplotlib.pyplot as plt
 import numpy as np
 import tyro
+from jaxtyping import Float
 from rich.progress import track
 
 from factors.state import ObjectState
-from objgraph.active.cameras import reachable, sphere
+from objgraph.active.cameras import looking_at, reachable
 from objgraph.active.next_view import Criterion, NextViewConfig, ViewGain, next_views
 from objgraph.active.target import Target, target
 from objgraph.atomic import write_file
 from objgraph.bench.comparison.objects.calibration import RIGHT_MODE_DEG
 from objgraph.bench.metrics.box_error import box_error, corners_m
 from objgraph.bench.metrics.metrics import evaluate_object
-from objgraph.bench.views_needed import Row, mean_errors, objects_of, seen_by_all, views_needed, within
+from objgraph.bench.views_needed import (
+    Row,
+    bootstrap,
+    mean_errors,
+    objects_of,
+    seen_by_all,
+    views_needed,
+    within,
+)
 from objgraph.bench.worlds.cases import UP, BenchmarkConfig, Case, World, synthetic_cases
+from objgraph.bench.worlds.meshes import ShapeSet
 from objgraph.covariance.box import box_pose
+from objgraph.covariance.box_modes import box_modes
 from objgraph.errors import ObjectGraphError, ObservationError
 from objgraph.estimate.graph import GraphEstimator
 from objgraph.estimate.task import Estimate, EstimationTask
 from objgraph.graph.builder import ObjectBuilder
-from objgraph.graph.initialise import InitialisationConfig, first_states
+from objgraph.graph.initialise import first_states
 from objgraph.maps.pipeline import scene_floor
 from objgraph.observation.frames import ListedFrames, Scan
-from objgraph.observation.sampling import ObjectView, SamplingConfig, observe
+from objgraph.observation.sampling import ObjectView, observe
 from objgraph.priors.mesh import extract_mesh
 from objgraph.priors.registry import load_prior
 from objgraph.priors.shape_prior import ShapePrior
 from objgraph.show.next_view import sphere_picture
 from objgraph.synthetic.camera import intrinsics
+from objgraph.synthetic.faults import Difficulty
 from objgraph.work import Workers, spread
 
 GOAL = 4
 """Views of the policy that the others are measured against."""
-SAMPLING = SamplingConfig(points=150, hits=75, free=75)
-FRESH = InitialisationConfig(guesses=5, points=100, rays=100, shortlist=2)
-"""How a fresh guess is found once there is an estimate to go on from."""
+HEIGHT_M = (1.2, 1.6)
+"""Of the cameras above the floor."""
 TARGET = 1
 POLICIES = ("next_best", "random", "even")
 
@@ -69,10 +82,16 @@ class Arguments:
     """Objects at the same time."""
     seed: int = 0
     """Of objects, rooms and noise."""
-    candidates: int = 100
-    """Cameras to choose among."""
+    difficulty: Difficulty = "clean"
+    """Which faults scans have."""
+    shapes: ShapeSet = "families"
+    """Which shapes: the families, or of `meshes` those held out."""
+    meshes: Path | None = None
+    """A folder with a subfolder of CAD meshes for each category."""
+    candidates: int = 60
+    """Cameras to choose among, at most."""
     distance: float = 1.9
-    """From the camera to the object's middle, metres."""
+    """Of the cameras from the object's middle, along the floor, metres."""
     most: int = 6
     """Views that chance and even spreading get: half as many again as the policy."""
     criterion: Criterion = "corners"
@@ -95,17 +114,16 @@ class Subject:
         """Take a picture and what it shows of the object; None where that is next to nothing."""
         rng = np.random.default_rng([self.case.seed, self.case.index, number])
         try:
-            return observe(self.world.frame(camera, str(number), rng), TARGET, SAMPLING, seed=number)
+            return observe(self.world.frame(camera, str(number), rng), TARGET, seed=number)
         except ObservationError:
             return None
 
-    def estimate(self, views: Sequence[ObjectView], start: ObjectState | None) -> Estimate:
-        """From all views, beginning where the last estimate ended and at the best fresh guess."""
-        settings = InitialisationConfig() if start is None else FRESH
-        builder = ObjectBuilder(up_world=UP, floor=self.floor)
-        fresh = first_states(self.prior, views, builder, settings).states
-        starts = (*fresh[:1], *([start] if start is not None else []))
-        task = EstimationTask(self.case.id, self.prior, starts, tuple(views), UP, self.floor)
+    def estimate(self, views: Sequence[ObjectView]) -> Estimate:
+        """From all views and nothing else."""
+        first = first_states(self.prior, views, ObjectBuilder(up_world=UP, floor=self.floor))
+        task = EstimationTask(
+            self.case.id, self.prior, first.states, tuple(views), UP, self.floor, chances=first.chances
+        )
         (result,) = GraphEstimator().estimate([task])
         if isinstance(result, ObjectGraphError):
             raise result
@@ -127,7 +145,9 @@ class Subject:
         vertices, faces = np.asarray(mesh.vertices), np.asarray(mesh.faces)
         of_mesh = evaluate_object(state.T_world_object.matrix(), state.scale, vertices, faces, truth)
         box = box_pose(self.prior, state, estimate.covariance, vertices)
-        return {**asdict(of_mesh), "box_m": corners_m(box, box_error(box, truth))}
+        modes = box_modes(box, state, estimate.turns)
+        corners = sum(mode.probability * corners_m(mode.box, box_error(mode.box, truth)) for mode in modes)
+        return {**asdict(of_mesh), "box_m": corners}
 
 
 def subject(case: Case, arguments: Arguments) -> Subject:
@@ -135,15 +155,27 @@ def subject(case: Case, arguments: Arguments) -> Subject:
     world, prior = case.world(), load_prior(case.category)
     rng = np.random.default_rng([case.seed, case.index, 0])
     frame = world.frame(world.first_camera(), "0", rng)
-    view = observe(frame, TARGET, SAMPLING)
+    view = observe(frame, TARGET)
     floor = scene_floor(
         Scan(case.id, ListedFrames([frame]), (case.instance,), UP)
     )  # by what has been seen, as all else
-    middle = np.median(view.points_world, axis=0)
-    cameras = sphere(middle, arguments.distance, UP, 3 * arguments.candidates, (5.0, 60.0))
-    held = reachable(cameras, world.can_hold)
-    chosen = np.random.default_rng(case.seed).permutation(len(held))[: arguments.candidates]
-    return Subject(case, world, prior, floor, [held[i] for i in chosen], view)
+    held = reachable(half_ring(view, world, arguments, rng), world.can_hold)
+    return Subject(case, world, prior, floor, held, view)
+
+
+def half_ring(
+    first: ObjectView, world: World, arguments: Arguments, rng: np.random.Generator
+) -> list[gtsam.Pose3]:
+    """Cameras that look at the object from half of the bearings about it, the first view's among them."""
+    middle = np.median(first.points_world, axis=0)
+    away = first.T_world_camera.translation() - middle
+    bearing = np.arctan2(away[1], away[0]) + rng.uniform(-np.pi / 2, np.pi / 2)
+    cameras = []
+    for turn in rng.uniform(-np.pi / 2, np.pi / 2, arguments.candidates) + bearing:
+        eye = middle + arguments.distance * np.array([np.cos(turn), np.sin(turn), 0.0])
+        eye[2] = world.floor + rng.uniform(*HEIGHT_M)
+        cameras.append(looking_at(eye, middle, UP))
+    return cameras
 
 
 def ranked(known: Target, cameras: list[gtsam.Pose3], criterion: Criterion) -> list[ViewGain]:
@@ -185,7 +217,7 @@ def one_by_one(item: Subject, policy: str, begun: Estimate, arguments: Arguments
         else:
             break
         views.append(view)
-        before, estimate = estimate, item.estimate(views, estimate.state)
+        before, estimate = estimate, item.estimate(views)
         gains = {
             "expected": best.objects[item.case.id].information,
             "realised": realised(before, estimate),
@@ -196,31 +228,40 @@ def one_by_one(item: Subject, policy: str, begun: Estimate, arguments: Arguments
 
 
 def evenly(item: Subject, begun: Estimate, arguments: Arguments) -> list[dict[str, Any]]:
-    """All views of a ring at once, for every number of them: the nearest camera to each even bearing."""
-    rows, middle = [], np.median(item.first.points_world, axis=0)
-    away = item.first.T_world_camera.translation() - middle
-    for count in range(2, arguments.most + 1):
-        views, left = [item.first], list(item.cameras)
-        for k in range(1, count):
-            turned = gtsam.Rot3.Rz(2 * np.pi * k / count).matrix() @ (away * [1, 1, 0])
-            level = arguments.distance * np.cos(np.radians(30)) * turned / np.linalg.norm(turned)
-            wanted = middle + level + [0, 0, arguments.distance / 2]
-            order = np.argsort([np.linalg.norm(camera.translation() - wanted) for camera in left])
-            for i in order:
-                view = item.look(left[i], k)
-                if view is not None:
-                    views.append(view)
-                    left.pop(i)
-                    break
-        rows.append(row(item, "even", count, item.estimate(views, begun.state)))
+    """All views at once, for every number of them, as far from each other and from the first one as can be."""
+    rows = [row(item, "even", 1, begun)]
+    seen = [(camera, view) for i, camera in enumerate(item.cameras) if (view := item.look(camera, 100 + i))]
+    eyes = np.array([item.first.T_world_camera.translation(), *(camera.translation() for camera, _ in seen)])
+    apart = np.linalg.norm(eyes[:, None] - eyes, axis=2)
+    for count in range(2, min(arguments.most, len(eyes)) + 1):
+        views = [item.first, *(seen[i - 1][1] for i in spread_out(apart, count)[1:])]
+        rows.append(row(item, "even", count, item.estimate(views)))
     return rows
+
+
+def spread_out(apart: Float[np.ndarray, "n n"], count: int) -> list[int]:
+    """So many of n places, the first of them among these, whose least distance no exchange of one makes larger."""
+    chosen = [0]
+    while len(chosen) < count:
+        chosen.append(int(apart[chosen].min(axis=0).argmax()))
+    moved = True
+    while moved:
+        moved = False
+        for k in range(1, count):
+            others = chosen[:k] + chosen[k + 1 :]
+            nearest = apart[others].min(axis=0)
+            rest = apart[np.ix_(others, others)][~np.eye(count - 1, dtype=bool)].min(initial=np.inf)
+            best = int(nearest.argmax())
+            if min(nearest[best], rest) > min(nearest[chosen[k]], rest) + 1e-9:
+                chosen[k], moved = best, True
+    return chosen
 
 
 def run(case: Case, arguments: Arguments, picture: Path | None) -> list[dict[str, Any]]:
     """All policies on one object, from the same first view and the same first estimate."""
     item = subject(case, arguments)
-    begun = item.estimate([item.first], None)
-    rows = [row(item, policy, 1, begun) for policy in POLICIES]
+    begun = item.estimate([item.first])
+    rows = [row(item, policy, 1, begun) for policy in ("next_best", "random")]
     if picture is not None:
         known = item.known(begun, [item.first])
         views = ranked(known, item.cameras, arguments.criterion)
@@ -243,9 +284,11 @@ def attempt(
 def compared(rows: Sequence[Row], measure: str, ending: str) -> dict[str, Any]:
     """Views that the other policies need for the policy's mean error, by one measure."""
     needed = views_needed(rows, POLICIES[0], GOAL, POLICIES[1:], measure)
+    intervals = bootstrap(rows, POLICIES[0], GOAL, POLICIES[1:], measure)
     return {
         **{f"views_{policy}{ending}": count for policy, (count, _) in needed.items()},
         f"reached{ending}": {policy: reached for policy, (_, reached) in needed.items()},
+        f"interval{ending}": intervals,
     }
 
 
@@ -265,7 +308,9 @@ def summary(tried: Sequence[Row], arguments: Arguments) -> dict[str, Any]:
     most = {policy: GOAL if policy == POLICIES[0] else arguments.most for policy in POLICIES}
     rows = seen_by_all(tried, most)
     if not rows:
-        raise SystemExit("no object was seen as often as every policy was to see it: give more --candidates")
+        raise SystemExit(
+            "no object was seen as often as every policy was to see it: give more --candidates or less --most"
+        )
     right = within(rows, "rotation_deg", RIGHT_MODE_DEG)
     taken = [r for r in rows if "expected" in r]
     return {
@@ -321,7 +366,16 @@ def main(arguments: Arguments) -> None:
         case
         for pair in zip(
             *(
-                synthetic_cases(BenchmarkConfig(seed=arguments.seed, objects=each, categories=(name,)))
+                synthetic_cases(
+                    BenchmarkConfig(
+                        seed=arguments.seed,
+                        objects=each,
+                        categories=(name,),
+                        difficulty=arguments.difficulty,
+                        shapes=arguments.shapes,
+                        meshes=arguments.meshes,
+                    )
+                )
                 for name in ("chair", "table")
             ),
             strict=True,

@@ -64,3 +64,25 @@ def views_needed(
     """For each of the others: views until its mean error is what the policy's is after `views`, and whether it gets there."""
     goal = mean_errors(rows, policy, measure).get(views, -np.inf)
     return {other: views_to_reach(mean_errors(rows, other, measure), goal) for other in others}
+
+
+def bootstrap(
+    rows: Sequence[Row], policy: str, views: int, others: Collection[str], measure: str, draws: int = 2000
+) -> dict[str, tuple[float, float]]:
+    """95 % of what `views_needed` gives when objects are drawn anew; an end at the largest number may be above it."""
+    objects = sorted(objects_of(rows))
+    if not objects:
+        return {}
+    names = (policy, *others)
+    errors = {(row["object"], row["policy"], row["views"]): row[measure] for row in rows}
+    counts = {name: sorted({n for _, whose, n in errors if whose == name}) for name in names}
+    table = {
+        name: np.array([[errors[one, name, n] for n in counts[name]] for one in objects]) for name in names
+    }
+    rng, found = np.random.default_rng(0), []
+    for _ in range(draws):
+        drawn = rng.integers(len(objects), size=len(objects))
+        mean = {name: dict(zip(counts[name], table[name][drawn].mean(axis=0), strict=True)) for name in names}
+        found.append([views_to_reach(mean[name], mean[policy][views])[0] for name in others])
+    low, high = np.percentile(found, [2.5, 97.5], axis=0)
+    return {name: (float(low[i]), float(high[i])) for i, name in enumerate(others)}

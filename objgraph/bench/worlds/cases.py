@@ -2,6 +2,7 @@
 
 import hashlib
 from dataclasses import asdict, dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import Literal, get_args
 
@@ -20,7 +21,7 @@ from objgraph.observation.frames import Frame, Instance, ListedFrames
 from objgraph.synthetic.camera import CameraConfig, Pose, camera_matrix, intrinsics
 from objgraph.synthetic.faults import Difficulty, FaultRanges, Faults, ranges_of
 from objgraph.synthetic.furniture import Category, Furniture
-from objgraph.synthetic.photograph import MEASURED, dark_places, photograph
+from objgraph.synthetic.photograph import MEASURED, DarkPlaces, Photograph, dark_places, photograph
 from objgraph.synthetic.render import Renderer
 from objgraph.synthetic.sensor import SensorConfig, sense_depth, sense_masks
 
@@ -109,29 +110,12 @@ class Case:
         # each frame has its own noise, so that the first is the same for either spacing
         noise = world.noise.spawn(VIEWS)
         by_id = {self.instance.id: world.truth}
+        places = [gtsam.Pose3(_raised(pose, world.floor)) for pose in cameras]
+        taken = list(zip(places, map(str, range(VIEWS)), noise, strict=True))
         if self.faults is None:
-            frames = [
-                world.frame(gtsam.Pose3(_raised(pose, world.floor)), str(k), rng)
-                for k, (pose, rng) in enumerate(zip(cameras, noise, strict=True))
-            ]
+            frames = [world.frame(*each) for each in taken]
             return AnnotatedScan(self.id, ListedFrames(frames), (self.instance,), UP, by_id)
-        truth = world.truth
-        surface = transformed(truth.T_world_object, truth.scale * truth.vertices)[truth.faces]
-        dark = dark_places(surface, self.faults.holes, world.noise)
-        photographs = [
-            photograph(
-                world.renderer,
-                pose,
-                world.floor,
-                dark,
-                self.instance.id,
-                self.faults,
-                self.sensor,
-                str(k),
-                rng,
-            )
-            for k, (pose, rng) in enumerate(zip(cameras, noise, strict=True))
-        ]
+        photographs = [world.photograph(*each) for each in taken]
         conditions = {
             **asdict(self.faults),
             "visible": visible_shares(world.scene.room, cameras),
@@ -157,7 +141,7 @@ class Case:
             piece.mesh.faces.view(np.ndarray).copy(), piece.symmetry,
         )  # fmt: skip
         renderer = Renderer([room.target, *room.clutter], list(room.shell), color)
-        return World(drawn, floor, truth, self.sensor, renderer, noise)
+        return World(drawn, floor, truth, self.sensor, renderer, noise, self.faults)
 
     def views(self, count: int) -> tuple[int, ...]:
         """Indices of the first `count` views among the scan's frames. Raises `DatasetError` beyond 1 to 3."""
@@ -186,9 +170,13 @@ class World:
     sensor: SensorConfig
     renderer: Renderer
     noise: Generator
+    faults: Faults | None = None
+    """Of its photographs; None where they have none."""
 
     def frame(self, T_world_camera: gtsam.Pose3, name: str, rng: Generator) -> Frame:
         """What the sensor makes of a view; the noise is drawn from `rng`."""
+        if self.faults is not None:
+            return self.photograph(T_world_camera, name, rng).frame
         camera, pose = CameraConfig(), T_world_camera.matrix()
         drawn = _raised(pose, -self.floor)
         view = self.renderer.render(camera_matrix(camera), drawn, camera.width, camera.height)
@@ -196,6 +184,21 @@ class World:
         return Frame(
             name, depth, intrinsics(), pose, sense_masks(view.instances, self.sensor, rng), view.color
         )
+
+    def photograph(self, T_world_camera: gtsam.Pose3, name: str, rng: Generator) -> Photograph:
+        """A view with the scan's faults, and how wrong it came out."""
+        assert self.faults is not None
+        drawn = _raised(T_world_camera.matrix(), -self.floor)
+        return photograph(
+            self.renderer, drawn, self.floor, self._dark, _TARGET, self.faults, self.sensor, name, rng
+        )
+
+    @cached_property
+    def _dark(self) -> DarkPlaces:
+        assert self.faults is not None
+        truth = self.truth
+        surface = transformed(truth.T_world_object, truth.scale * truth.vertices)[truth.faces]
+        return dark_places(surface, self.faults.holes, self.noise)
 
     def can_hold(self, T_world_camera: gtsam.Pose3) -> bool:
         """Whether a person can hold a camera there: in the room and over no furniture."""

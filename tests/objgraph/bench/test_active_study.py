@@ -1,12 +1,37 @@
 """What chosen views are worth: the study as its user would run it, on one object."""
 
+import itertools
 import json
 import os
 import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
+
+from objgraph.bench.active import spread_out
 from tests.conftest import REPOSITORY
+
+
+@given(st.integers(0, 10**6))
+def test_views_that_are_spread_out_are_nearly_as_far_apart_as_any(seed):
+    """Half as far as the best choice at least (Ravi et al., "Heuristic and special case algorithms for dispersion problems", 1994)."""
+    rng = np.random.default_rng(seed)
+    for count in (2, 3, 4):
+        turn = rng.uniform(0, np.pi, 12)
+        place = np.stack([np.cos(turn), np.sin(turn)], axis=1)
+        apart = np.linalg.norm(place[:, None] - place, axis=2)
+        chosen = spread_out(apart, count)
+        assert chosen[0] == 0
+        assert len(set(chosen)) == count
+        best = max(least(apart, (0, *rest)) for rest in itertools.combinations(range(1, 12), count - 1))
+        assert 0.5 * best <= least(apart, chosen) <= best + 1e-12
+
+
+def least(apart, chosen) -> float:
+    return min(apart[i, j] for i, j in itertools.combinations(chosen, 2))
 
 
 def test_one_object_is_looked_at_by_all_policies(tmp_path: Path):

@@ -6,6 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from objgraph.bench.views_needed import (
+    bootstrap,
     mean_errors,
     objects_of,
     seen_by_all,
@@ -40,6 +41,17 @@ def test_who_never_gets_there_needs_all_and_more():
     assert views_to_reach({}, 2.9) == (None, False)
     assert views_needed([], "best", 2, ["any"], "error") == {"any": (None, False)}
     assert views_needed(ROWS, "best", 3, ["any"], "error") == {"any": (4.0, False)}  # which nobody has
+
+
+def test_the_interval_is_of_objects_drawn_anew():
+    """Alone the first object gets there with two views and the second with four, both together with three."""
+    rows = [
+        *rows_of("a", "best", [8.0, 4.0]), *rows_of("a", "any", [8.0, 4.0, 2.0, 1.0]),
+        *rows_of("b", "best", [8.0, 2.0]), *rows_of("b", "any", [8.0, 5.0, 4.0, 2.0]),
+    ]  # fmt: skip
+    assert views_needed(rows, "best", 2, ["any"], "error") == {"any": (3.0, True)}
+    assert bootstrap(rows, "best", 2, ["any"], "error") == {"any": (2.0, 4.0)}
+    assert bootstrap([], "best", 2, ["any"], "error") == {}
 
 
 @given(st.lists(st.floats(0.1, 10), min_size=1, max_size=8), st.floats(0.05, 11))
