@@ -9,6 +9,9 @@ MacKay, "Information-based objective functions for active data selection", 1992)
 Views see the same surface with noise of their own but share what the decoder cannot make of it. The mean of measurements
 of one point with precisions n_v has the variance r^2 + 1 / sum n_v, so a view after others adds w = f(sum + n) - f(sum)
 with f(n) = n / (1 + r^2 n): next to nothing where noise is small against r, and a view of the other side tells more.
+
+What no view has seen is not known, whatever the marginals say: the prior's shapes are not the real ones. So a side of the box
+and a piece of surface err by far less once they have been seen (`objgraph.covariance.sides`).
 """
 
 from collections.abc import Callable, Sequence
@@ -18,6 +21,8 @@ from typing import TYPE_CHECKING, Literal, get_args
 import gtsam
 import numpy as np
 from jaxtyping import Bool, Float
+from scipy.sparse import identity
+from scipy.spatial import cKDTree
 
 from factors import checks
 from factors.checks import PLACES
@@ -25,6 +30,7 @@ from factors.state import RIGID_DOF
 from objgraph.active.headings import OtherHeading, risk
 from objgraph.active.surface_sample import SurfaceSample
 from objgraph.active.target import Target
+from objgraph.covariance.sides import SEEN_M, SideMisfit, seen_sides
 from objgraph.errors import ActiveVisionError, ConfigError
 from objgraph.estimate.heading_modes import HeadingModesConfig
 from objgraph.observation.frames import Intrinsics
@@ -59,6 +65,9 @@ class NextViewConfig:
     """As `HeadingModesConfig.temperature`: so much cost between two headings is believed as one nat."""
     min_share: float = 0.1
     """Of an object's surface that must be seen for the view to be one of it."""
+    sides: SideMisfit = field(default_factory=lambda: SideMisfit(marginals=4.0, seen=0.01, unseen=0.1))
+    """How far a side that was seen, and one that was not, lies from the estimate's: about what calibrations of chairs and
+    tables have."""
 
     def __post_init__(self) -> None:
         """Raises ConfigError where a number is not one of its kind."""
@@ -77,10 +86,10 @@ class ObjectGain:
     pose: float
     """The same on the 9-DoF pose alone."""
     surface: float
-    """Expected decrease of the mean variance over the whole surface, square metres."""
+    """Expected decrease of the mean variance over the whole surface, square metres, what is first seen counted."""
     corners: float
-    """Expected decrease of the mean square error of the box's corners, square metres: by what is learnt of the pose, and by
-    what tells the heading from the others that the object may have."""
+    """Expected decrease of the mean square error of the box's corners, square metres: by what is learnt of the pose, by sides
+    that are first seen, and by what tells the heading from the others that the object may have."""
     seen: float
     """Share of the surface's points that are seen."""
 
@@ -263,6 +272,11 @@ class _Judge:
         """`turned` are the scenes in which the object stands in its other headings."""
         self.target, self.scene, self.turned, self.config = target, scene, turned, config
         self.precision = known_precision(target, scene, config)
+        tree = cKDTree(target.points)
+        apart = tree.sparse_distance_matrix(tree, SEEN_M, output_type="coo_matrix").tocsr()
+        self.near = (apart > 0) + identity(len(target.points), bool, "csr")
+        self.seen = self._known(self.precision > 0)
+        self.extents = np.ptp(target.state.to_object(target.vertices), axis=0) * target.state.scale
         self.covariance = np.linalg.inv(target.information)
         self.log_det = np.linalg.slogdet(target.information)[1]
         self.pose_log_det = np.linalg.slogdet(self.covariance[:RIGID_DOF, :RIGID_DOF])[1]
@@ -281,13 +295,33 @@ class _Judge:
         after = np.linalg.inv(information)
         rigid = after[:RIGID_DOF, :RIGID_DOF]
         less = self.covariance[:RIGID_DOF, :RIGID_DOF] - rigid
+        known = self.seen | self._known(seen)
+        corners = self.config.sides.marginals * float((self.corners * less).sum())
         return ObjectGain(
             0.5 * float(np.linalg.slogdet(information)[1] - self.log_det),
             0.5 * float(self.pose_log_det - np.linalg.slogdet(rigid)[1]),
-            self.variance - float((self.surface * after).sum()),
-            float((self.corners * less).sum()) + self._heading(camera),
+            self.variance
+            - float((self.surface * after).sum())
+            + self._unseen(self.seen)
+            - self._unseen(known),
+            corners + self._sides(self.seen) - self._sides(known) + self._heading(camera),
             share,
         )
+
+    def _known(self, seen: Bool[np.ndarray, "m"]) -> Bool[np.ndarray, "m"]:
+        """Points that were seen, and those near them."""
+        return self.near @ seen
+
+    def _unseen(self, seen: Bool[np.ndarray, "m"]) -> float:
+        """Mean square of how far the surface may lie from where it is estimated, square metres."""
+        misfit = self.config.sides
+        widest = max(misfit.unseen * self.extents.mean(), misfit.seen)
+        return float(np.square(np.where(seen, misfit.seen, widest)).mean())
+
+    def _sides(self, seen: Bool[np.ndarray, "m"]) -> float:
+        """Mean square error of the corners that the sides' own errors make, square metres."""
+        shares = seen_sides(self.target.state, self.target.points, seen, self.target.stands)
+        return float(np.square(self.config.sides.sigma(self.extents, shares)).mean(axis=1).sum())
 
     def _heading(self, camera: gtsam.Pose3) -> float:
         """Expected decrease of the mean square error that the wrong heading makes, square metres."""

@@ -24,6 +24,9 @@ class Target(SurfaceSample):
     """An estimate, and its surface linearised once: candidates differ only in which of its points they see."""
 
     name: str
+    state: ObjectState
+    stands: bool
+    """Whether its lower side is where the floor is, and so as good as seen."""
     information: Float[np.ndarray, "d d"]
     """Inverse covariance of pose, log-scale and code."""
     jacobian: Float[np.ndarray, "m d"]
@@ -96,6 +99,8 @@ def target(
     return Target(
         **vars(surface),
         name=name,
+        state=state,
+        stands=prior.feet is not None,
         information=root.T @ root,
         jacobian=metric_sdf_jacobian(prior.decoder, state, surface.points)[1].numpy(),
         corner_jacobian=_corner_jacobian(state, corners),

@@ -23,10 +23,11 @@ from objgraph.active.next_view import (
 from objgraph.active.target import Target, target
 from objgraph.covariance.heading_modes import HeadingModes
 from objgraph.covariance.labelled import ObjectCovariance
+from objgraph.covariance.sides import SideMisfit, seen_sides
 from objgraph.covariance.surface import metric_sdf_jacobian
 from objgraph.errors import SolveError
 from objgraph.observation.sampling import independent_shares
-from tests.objgraph.active.test_next_view import scene_of
+from tests.objgraph.active.test_next_view import ALONE, scene_of
 from tests.toys import INTRINSICS, toy_prior, toy_state
 
 UP = np.array([0.0, 0.0, 1.0])
@@ -65,7 +66,7 @@ def test_the_corners_derivative_is_the_numerical_one(doubtful):
 def test_without_other_headings_the_gain_is_the_corners_variance_that_goes(doubtful):
     known = replace(doubtful, others=(), probability=1.0)
     camera = sphere(known.centre, 2.2, UP, 5, (10.0, 50.0))[2]
-    gain = next_views([known], [camera], CONFIG)[0].objects["chair"]
+    gain = next_views([known], [camera], ALONE)[0].objects["chair"]
     scene = scene_of((known.vertices, known.faces))
     added = expected_information(known, camera, visible(known, camera, scene, CONFIG), CONFIG)
     J = known.corner_jacobian
@@ -74,6 +75,27 @@ def test_without_other_headings_the_gain_is_the_corners_variance_that_goes(doubt
         for H in (known.information, known.information + added)
     ]
     assert gain.corners == pytest.approx(spread[0] - spread[1])
+
+
+def test_sides_that_are_first_seen_err_less(doubtful):
+    """By definition: corners lie at a lower or an upper side of each axis, and what is within 6 cm of seen points is seen."""
+    first, second = (sphere(doubtful.centre, 2.2, UP, 5, (10.0, 50.0))[i] for i in (2, 4))
+    known = replace(doubtful, others=(), probability=1.0, seen_from=(first,))
+    scene = scene_of((known.vertices, known.faces))
+    apart = np.linalg.norm(known.points[:, None] - known.points, axis=2)
+    state, misfit = toy_state(), SideMisfit(marginals=2.0, seen=0.01, unseen=0.1)
+    extents = np.ptp(state.to_object(known.vertices), axis=0) * state.scale
+    seen, squares, surface = np.zeros(len(apart), bool), [], []
+    for camera in (first, second):
+        seen |= (apart[:, visible(known, camera, scene, CONFIG)] < 0.06).any(axis=1)
+        shares = seen_sides(state, known.points, seen, known.stands)
+        squares.append(sum(np.square(misfit.sigma(extents, shares)[axis]).mean() for axis in range(3)))
+        surface.append(np.where(seen, 0.01**2, (0.1 * extents.mean()) ** 2).mean())
+    of_both = next_views([known], [second], replace(CONFIG, sides=misfit))[0].objects["chair"]
+    of_marginals = next_views([known], [second], ALONE)[0].objects["chair"]
+    assert squares[0] > squares[1]
+    assert of_both.corners == pytest.approx(2 * of_marginals.corners + squares[0] - squares[1])
+    assert of_both.surface == pytest.approx(of_marginals.surface + surface[0] - surface[1])
 
 
 def test_headings_that_are_likely_are_kept_with_their_distance(doubtful):
