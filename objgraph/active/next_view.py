@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Literal, get_args
 import gtsam
 import numpy as np
 from jaxtyping import Bool, Float
-from scipy.sparse import identity
+from scipy.sparse import eye_array
 from scipy.spatial import cKDTree
 
 from factors import checks
@@ -274,7 +274,7 @@ class _Judge:
         self.precision = known_precision(target, scene, config)
         tree = cKDTree(target.points)
         apart = tree.sparse_distance_matrix(tree, SEEN_M, output_type="coo_matrix").tocsr()
-        self.near = (apart > 0) + identity(len(target.points), bool, "csr")
+        self.near = (apart > 0) + eye_array(len(target.points), dtype=bool, format="csr")
         self.seen = self._known(self.precision > 0)
         self.extents = np.ptp(target.state.to_object(target.vertices), axis=0) * target.state.scale
         self.covariance = np.linalg.inv(target.information)
