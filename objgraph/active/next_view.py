@@ -277,6 +277,7 @@ class _Judge:
         self.near = (apart > 0) + eye_array(len(target.points), dtype=bool, format="csr")
         self.seen = self._known(self.precision > 0)
         self.extents = np.ptp(target.state.to_object(target.vertices), axis=0) * target.state.scale
+        self.unseen, self.sides = self._unseen(self.seen), self._sides(self.seen)
         self.covariance = np.linalg.inv(target.information)
         self.log_det = np.linalg.slogdet(target.information)[1]
         self.pose_log_det = np.linalg.slogdet(self.covariance[:RIGID_DOF, :RIGID_DOF])[1]
@@ -300,11 +301,8 @@ class _Judge:
         return ObjectGain(
             0.5 * float(np.linalg.slogdet(information)[1] - self.log_det),
             0.5 * float(self.pose_log_det - np.linalg.slogdet(rigid)[1]),
-            self.variance
-            - float((self.surface * after).sum())
-            + self._unseen(self.seen)
-            - self._unseen(known),
-            corners + self._sides(self.seen) - self._sides(known) + self._heading(camera),
+            self.variance - float((self.surface * after).sum()) + self.unseen - self._unseen(known),
+            corners + self.sides - self._sides(known) + self._heading(camera),
             share,
         )
 

@@ -24,17 +24,17 @@ import gtsam
 import matplotlib.pyplot as plt
 import numpy as np
 import tyro
-from jaxtyping import Float
 from rich.progress import track
 
 from factors.state import ObjectState
-from objgraph.active.cameras import looking_at, reachable
+from objgraph.active.cameras import reachable
 from objgraph.active.next_view import Criterion, NextViewConfig, ViewGain, next_views
 from objgraph.active.target import Target, target
 from objgraph.atomic import write_file
 from objgraph.bench.comparison.objects.calibration import RIGHT_MODE_DEG
 from objgraph.bench.metrics.box_error import box_error, corners_m
 from objgraph.bench.metrics.metrics import evaluate_object
+from objgraph.bench.places import half_ring, spread_out
 from objgraph.bench.views_needed import (
     Row,
     bootstrap,
@@ -66,8 +66,6 @@ from objgraph.work import Workers, spread
 
 GOAL = 4
 """Views of the policy that the others are measured against."""
-HEIGHT_M = (1.2, 1.6)
-"""Of the cameras above the floor."""
 TARGET = 1
 POLICIES = ("next_best", "random", "even")
 
@@ -159,23 +157,10 @@ def subject(case: Case, arguments: Arguments) -> Subject:
     floor = scene_floor(
         Scan(case.id, ListedFrames([frame]), (case.instance,), UP)
     )  # by what has been seen, as all else
-    held = reachable(half_ring(view, world, arguments, rng), world.can_hold)
+    middle, first = np.median(view.points_world, axis=0), view.T_world_camera.translation()
+    ring = half_ring(middle, first, world.floor, arguments.distance, arguments.candidates, rng)
+    held = reachable(ring, world.can_hold)
     return Subject(case, world, prior, floor, held, view)
-
-
-def half_ring(
-    first: ObjectView, world: World, arguments: Arguments, rng: np.random.Generator
-) -> list[gtsam.Pose3]:
-    """Cameras that look at the object from half of the bearings about it, the first view's among them."""
-    middle = np.median(first.points_world, axis=0)
-    away = first.T_world_camera.translation() - middle
-    bearing = np.arctan2(away[1], away[0]) + rng.uniform(-np.pi / 2, np.pi / 2)
-    cameras = []
-    for turn in rng.uniform(-np.pi / 2, np.pi / 2, arguments.candidates) + bearing:
-        eye = middle + arguments.distance * np.array([np.cos(turn), np.sin(turn), 0.0])
-        eye[2] = world.floor + rng.uniform(*HEIGHT_M)
-        cameras.append(looking_at(eye, middle, UP))
-    return cameras
 
 
 def ranked(known: Target, cameras: list[gtsam.Pose3], criterion: Criterion) -> list[ViewGain]:
@@ -230,31 +215,22 @@ def one_by_one(item: Subject, policy: str, begun: Estimate, arguments: Arguments
 def evenly(item: Subject, begun: Estimate, arguments: Arguments) -> list[dict[str, Any]]:
     """All views at once, for every number of them, as far from each other and from the first one as can be."""
     rows = [row(item, "even", 1, begun)]
-    seen = [(camera, view) for i, camera in enumerate(item.cameras) if (view := item.look(camera, 100 + i))]
-    eyes = np.array([item.first.T_world_camera.translation(), *(camera.translation() for camera, _ in seen)])
+    looked: dict[int, ObjectView | None] = {0: item.first}
+    left = list(range(len(item.cameras) + 1))
+    eyes = np.array([each.translation() for each in (item.first.T_world_camera, *item.cameras)])
     apart = np.linalg.norm(eyes[:, None] - eyes, axis=2)
-    for count in range(2, min(arguments.most, len(eyes)) + 1):
-        views = [item.first, *(seen[i - 1][1] for i in spread_out(apart, count)[1:])]
-        rows.append(row(item, "even", count, item.estimate(views)))
+    for count in range(2, arguments.most + 1):
+        views: list[ObjectView] = []
+        while len(views) < count <= len(left):  # without cameras that turn out to see next to nothing
+            chosen = [left[i] for i in spread_out(apart[np.ix_(left, left)], count)]
+            for i in chosen:
+                if i not in looked:
+                    looked[i] = item.look(item.cameras[i - 1], 99 + i)
+            left = [i for i in left if i not in looked or looked[i] is not None]
+            views = [view for i in chosen if (view := looked[i]) is not None]
+        if len(views) == count:
+            rows.append(row(item, "even", count, item.estimate(views)))
     return rows
-
-
-def spread_out(apart: Float[np.ndarray, "n n"], count: int) -> list[int]:
-    """So many of n places, the first of them among these, whose least distance no exchange of one makes larger."""
-    chosen = [0]
-    while len(chosen) < count:
-        chosen.append(int(apart[chosen].min(axis=0).argmax()))
-    moved = True
-    while moved:
-        moved = False
-        for k in range(1, count):
-            others = chosen[:k] + chosen[k + 1 :]
-            nearest = apart[others].min(axis=0)
-            rest = apart[np.ix_(others, others)][~np.eye(count - 1, dtype=bool)].min(initial=np.inf)
-            best = int(nearest.argmax())
-            if min(nearest[best], rest) > min(nearest[chosen[k]], rest) + 1e-9:
-                chosen[k], moved = best, True
-    return chosen
 
 
 def run(case: Case, arguments: Arguments, picture: Path | None) -> list[dict[str, Any]]:

@@ -11,7 +11,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from objgraph.bench.active import spread_out
+from objgraph.bench.places import spread_out
 from tests.conftest import REPOSITORY
 
 
