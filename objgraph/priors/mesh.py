@@ -186,7 +186,7 @@ def _closed_at_border(grid: Float[np.ndarray, "g g g"]) -> Float[np.ndarray, "g 
     closed = np.full(grid.shape, 1e-6)
     inner = (slice(1, -1),) * 3
     if (grid < 0).sum() > (grid[inner] < 0).sum():
-        _LOG.warning("the shape reaches the border of the grid and is cut off there: give a larger bound")
+        _LOG.warning("a mesh was cut off at the box that holds any shape learnt: its code is of none of them")
     closed[inner] = grid[inner]
     return np.where(grid > 0, grid, closed)
 

@@ -75,14 +75,14 @@ def make_prior(config: TrainConfig, corpus: Corpus, trained: Trained) -> ShapePr
     size_mean, size_log_sigma, size_source = size_statistics(
         config.category, [size for size, _ in metric], [source for _, source in metric]
     )
-    middle, code_covariance = trained.kinds.moments()
-    # between kinds there is no shape
-    typical = trained.codes[np.linalg.norm(trained.codes - middle, axis=1).argmin()]
+    middle = trained.code_mean
+    if trained.kinds is not None:  # between kinds there is no shape
+        middle = trained.codes[np.linalg.norm(trained.codes - middle, axis=1).argmin()]
     prior = ShapePrior(
         category=config.category,
         decoder=trained.decoder,
-        code_mean=typical.astype(np.float64),
-        code_covariance=code_covariance,
+        code_mean=middle.astype(np.float64),
+        code_covariance=trained.code_covariance,
         kinds=trained.kinds,
         residual_sigma=0.01,
         size_mean=size_mean,

@@ -58,10 +58,21 @@ class Kinds:
         self.variance = torch.cat([within, (variance.mean(dim=0) + mean.var(dim=0))[None]])
         self.weight = torch.cat([weight, weight.new_full((1,), _OTHER)])
 
-    def mixture(self) -> CodeMixture:
-        """As it is now."""
+    def mixture(self) -> CodeMixture | None:
+        """As it is now; None where it is one Gaussian."""
+        if len(self.weight) == 1:
+            return None
         weight, mean, variance = (each.cpu().double().numpy() for each in self.state().values())
         return CodeMixture(weight / weight.sum(), mean, variance)
+
+    def moments(
+        self, mean: Float[Tensor, "s l"], log_variance: Float[Tensor, "s l"]
+    ) -> tuple[Float[np.ndarray, "l"], Float[np.ndarray, "l l"]]:
+        """Mean and covariance of all codes: of the mixture; of one Gaussian, N(0, I), those that the codes themselves have."""
+        if (mixture := self.mixture()) is not None:
+            return mixture.moments()
+        means, variance = mean.cpu().double().numpy(), log_variance.exp().mean(dim=0).cpu().double().numpy()
+        return means.mean(axis=0), np.cov(means.T, bias=True) + np.diag(variance)
 
     def state(self) -> dict[str, Tensor]:
         """Everything as named tensors."""

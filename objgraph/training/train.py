@@ -166,8 +166,11 @@ class Trained:
     decoder: Decoder
     codes: Float[np.ndarray, "s l"]
     """Means of the training shapes' Gaussians."""
-    kinds: CodeMixture
-    """What these were held to."""
+    code_mean: Float[np.ndarray, "l"]
+    code_covariance: Float[np.ndarray, "l l"]
+    """Of all codes that these Gaussians give."""
+    kinds: CodeMixture | None
+    """The mixture that they were held to; None where it was one Gaussian."""
     box: BoxFrame | None
     """The frame that the shapes were stretched to."""
     step: int
@@ -339,4 +342,5 @@ def _trained(config: TrainConfig, corpus: Corpus, model: AutoDecoder, step: int,
     decoder.load_state_dict({name: value.cpu() for name, value in model.average.items()})
     decoder.requires_grad_(False).eval()
     codes = model.codes.tables["mean"].cpu().numpy().copy()
-    return Trained(decoder, codes, model.kinds.mixture(), _box(config, corpus), step, loss)
+    moments = model.kinds.moments(**model.codes.tables)
+    return Trained(decoder, codes, *moments, model.kinds.mixture(), _box(config, corpus), step, loss)

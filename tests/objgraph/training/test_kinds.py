@@ -70,8 +70,22 @@ def test_state_goes_back_and_the_mixture_is_the_same() -> None:
     other.restore(kinds.state())
     assert torch.equal(other.divergence(mean, log_variance), kinds.divergence(mean, log_variance))
     mixture = other.mixture()
-    assert mixture.weight.sum() == 1.0
+    assert mixture is not None and mixture.weight.sum() == 1.0
     np.testing.assert_array_equal(mixture.mean, kinds.mean.numpy())
+    np.testing.assert_array_equal(other.moments(mean, log_variance)[1], mixture.moments()[1])
+
+
+def test_codes_of_one_gaussian_have_the_moments_of_draws_from_all_of_them() -> None:
+    mean, log_variance = gaussians(5, 600)
+    alone = Kinds(1, mean)
+    alone.fit(mean, log_variance)
+    assert alone.mixture() is None
+    middle, covariance = alone.moments(mean, log_variance)
+    generator = torch.Generator().manual_seed(0)
+    noise = torch.randn(500, *mean.shape, generator=generator).double()
+    draws = (mean + (0.5 * log_variance).exp() * noise).reshape(-1, LENGTH).numpy()
+    np.testing.assert_allclose(middle, draws.mean(axis=0), atol=0.01)
+    np.testing.assert_allclose(covariance, np.cov(draws.T), atol=0.02)
 
 
 def test_a_code_of_no_kind_costs_little_more_than_one_gaussian_of_all_makes_it() -> None:
