@@ -25,8 +25,8 @@ bookshelves from 0.6 x 0.9 x 0.3 to 1.6 x 2.1 x 0.35; displays from 0.45 x 0.4 x
 (65 inches); bathtubs from 1.4 x 0.55 x 0.7 to 1.9 x 0.65 x 0.9; bins from 0.25 x 0.3 x 0.25 (office) to
 0.6 x 1.05 x 0.75 (wheeled)."""
 
-_PLAUSIBLE = {"chair": (0.4, 4.0), "table": (0.4, 4.0), "car": (3.0, 8.0)}
-"""Diagonals beyond these are no metric size of the category, whatever their source says."""
+_PLAUSIBLE = {"chair": (0.4, 4.0), "table": (0.4, 4.0), "car": (3.0, 6.2)}
+"""Diagonals beyond these are no metric size of the category, whatever their source says: a car is no longer than a van."""
 _PLAUSIBLE_ANYTHING = (0.05, 30.0)
 _MOST = 10.0
 """Meshes that the usual sizes count as, and that no source counts more than: a generator's spread is its author's."""
