@@ -25,7 +25,7 @@ class GroundTruth:
     """CAD vertices in its canonical frame (y up, front at -z)."""
     faces: Int[np.ndarray, "f 3"]
     symmetry: int = 1
-    """Rotations about the object's y axis that leave it the same: 1, 2, 4, or 0 for every angle."""
+    """How many rotations about the object's y axis leave it the same; 0 for every angle."""
 
 
 @dataclass(frozen=True)

@@ -26,7 +26,7 @@ def box_error(box: BoxPose, truth: GroundTruth) -> BoxError:
     An object that looks the same from all sides has no heading: its error about y is zero.
 
     Raises:
-        EvaluationError: the ground truth is no mesh, its pose no pose, or its symmetry unknown.
+        EvaluationError: the ground truth is no mesh, its pose no pose, or its symmetry negative.
     """
     placed = PlacedMesh.of_truth(truth)
     R_world_box = box.T_world_box.rotation().matrix()
@@ -38,7 +38,7 @@ def box_error(box: BoxPose, truth: GroundTruth) -> BoxError:
     if truth.symmetry == CONTINUOUS:
         rotation[1] = 0.0
     centre = R_world_box.T @ (placed.centre_world - box.T_world_box.translation())
-    extents = np.log(align_extents(placed.extents, yaw) / box.extents)
+    extents = np.log(align_extents(placed.extents, yaw, truth.symmetry) / box.extents)
     return BoxError(np.concatenate([rotation, centre, extents]))
 
 

@@ -83,7 +83,7 @@ def evaluate_object(
     """Measure an estimate: rigid pose, metres per canonical unit along the object's axes, canonical mesh.
 
     `seed` draws the points of the Chamfer distance. Raises `EvaluationError` where either side cannot be
-    measured (empty, flat or non-finite mesh, non-rigid pose, unknown symmetry class).
+    measured (empty, flat or non-finite mesh, non-rigid pose, negative symmetry).
     """
     estimate = PlacedMesh("the estimate", np.asarray(T_world_object), np.asarray(scale), vertices, faces)
     target = PlacedMesh.of_truth(truth)

@@ -31,11 +31,11 @@ class PoseError:
 def pose_error(estimate: PlacedMesh, truth: PlacedMesh, symmetry: int = 1) -> PoseError:
     """Errors of `estimate` against `truth`: Scan2CAD's (Avetisyan et al., CVPR 2019), on metric extents.
 
-    `symmetry` counts the rotations about y that leave the true object the same (1, 2, 4, or 0 for all).
+    `symmetry` counts the rotations about y that leave the true object the same; 0 for all.
     """
     R = truth.T_world_object[:3, :3].T @ estimate.T_world_object[:3, :3]
     rotation, yaw = rotation_error(R, symmetry)
-    ratio = align_extents(estimate.extents, yaw) / truth.extents
+    ratio = align_extents(estimate.extents, yaw, symmetry) / truth.extents
     return PoseError(
         translation_m=float(np.linalg.norm(estimate.centre_world - truth.centre_world)),
         rotation_deg=float(np.rad2deg(rotation)),
@@ -59,14 +59,15 @@ def rotation_error(R_truth_estimate: Float[np.ndarray, "3 3"], symmetry: int) ->
 def _symmetric_yaws(R: np.ndarray, symmetry: int) -> list[float]:
     if symmetry == CONTINUOUS:
         return [_yaw(R)]
-    if symmetry not in (1, 2, 4):
-        raise EvaluationError(f"symmetry class {symmetry} is none of 1, 2, 4 and 0 (every angle)")
+    if symmetry < 0:
+        raise EvaluationError(f"a symmetry is a number of turns, or 0 for every angle, not {symmetry}")
     return [2 * np.pi * k / symmetry for k in range(symmetry)]
 
 
-def align_extents(extents: Float[np.ndarray, "3"], yaw: float) -> Float[np.ndarray, "3"]:
-    """Extents along the axes of the object turned by `yaw`: x and z change places at a quarter turn."""
-    quarter_turn = abs(np.sin(yaw)) > abs(np.cos(yaw))
+def align_extents(extents: Float[np.ndarray, "3"], yaw: float, symmetry: int) -> Float[np.ndarray, "3"]:
+    """Extents along the axes of the object turned by `yaw`, which leaves it the same: where that is a quarter turn, of an
+    object that was stretched a little, x and z change places."""
+    quarter_turn = symmetry % 4 == 0 and abs(np.sin(yaw)) > abs(np.cos(yaw))
     return extents[[2, 1, 0]] if quarter_turn else extents
 
 

@@ -109,7 +109,7 @@ def mesh_furniture(category: str, path: Path, rng: Generator, diagonal_m: float 
 
 
 def symmetry_of(mesh: trimesh.Trimesh, samples: int = 3000) -> int:
-    """Scan2CAD's class of a canonical mesh: turns about y that leave it the same; 1, 2, 4, or 0 for all."""
+    """How many turns about y, up to twelve, leave a canonical mesh the same; 0 for all."""
     scene = raycaster([(mesh.vertices, mesh.faces)])
     points = np.asarray(trimesh.sample.sample_surface(mesh, samples, seed=0)[0])
 
@@ -120,4 +120,4 @@ def symmetry_of(mesh: trimesh.Trimesh, samples: int = 3000) -> int:
 
     if all(same(angle) for angle in (25, 45, 90, 180)):
         return 0
-    return next((order for order in (4, 2) if same(360 / order)), 1)
+    return next((order for order in range(12, 1, -1) if same(360 / order)), 1)

@@ -89,7 +89,7 @@ def draw_room(piece: Furniture, bearing: float, rng: Generator, faults: Faults |
 def draw_scale(piece: Furniture, rng: Generator, stretch: float = 0.05) -> Float[np.ndarray, "3"]:
     """Metres per canonical unit and axis: the real size, with a deviation from the shape's proportions."""
     scale = piece.diagonal_m * (1 + stretch * np.clip(rng.normal(size=3), -2, 2))
-    if piece.symmetry in (0, 4):
+    if piece.symmetry not in (1, 2):
         scale[2] = scale[0]
     return scale
 

@@ -33,7 +33,7 @@ def some_pose(seed: int) -> gtsam.Pose3:
     return gtsam.Pose3(gtsam.Rot3.Expmap(rng.normal(size=3)), rng.normal(size=3))
 
 
-@given(st.integers(0, 1000), st.sampled_from([1, 2, 4]), st.integers(0, 3))
+@given(st.integers(0, 1000), st.integers(1, 6), st.integers(0, 5))
 def test_the_error_is_the_tangent_that_leads_to_the_truth(seed, symmetry, turns):
     """Whatever symmetric turn the estimate stands in; extents change places at a quarter turn."""
     tangent = np.random.default_rng(seed).uniform(-0.15, 0.15, 9)
@@ -41,7 +41,7 @@ def test_the_error_is_the_tangent_that_leads_to_the_truth(seed, symmetry, turns)
     T, extents = moved(estimate, tangent)
     turn = 2 * np.pi * (turns % symmetry) / symmetry
     true = gtsam.Pose3(T.rotation().compose(gtsam.Rot3.Ry(-turn)), T.translation())
-    swapped = symmetry == 4 and turns % 2 == 1
+    swapped = symmetry == 4 and turns % 4 in (1, 3)
     given_extents = extents[[2, 1, 0]] if swapped else extents
     mesh = trimesh.creation.box(given_extents)
     ground = GroundTruth(
