@@ -70,7 +70,8 @@ def test_state_goes_back_and_the_mixture_is_the_same() -> None:
     other.restore(kinds.state())
     assert torch.equal(other.divergence(mean, log_variance), kinds.divergence(mean, log_variance))
     mixture = other.mixture()
-    assert mixture is not None and mixture.weight.sum() == 1.0
+    assert mixture is not None
+    assert mixture.weight.sum() == 1.0
     np.testing.assert_array_equal(mixture.mean, kinds.mean.numpy())
     np.testing.assert_array_equal(other.moments(mean, log_variance)[1], mixture.moments()[1])
 
