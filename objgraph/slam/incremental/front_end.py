@@ -205,17 +205,19 @@ class FrontEnd:
         return entered, [*reasons, *why]
 
     def keep_current(self, seen: Sequence[TrackedObject], everything: bool) -> list[str]:
-        """Renew what the frame has made stale, and look at one other object in turn; what turned, and what could not be renewed.
+        """Renew what the frame has made stale, solve one object again, and look at one other in turn; what turned, and what
+        could not be renewed.
 
         The frame is in the map by now: an object that cannot be renewed stays linearised where it was.
         """
         others = [self.objects[self._turn % len(self.objects)]] if self.objects else []
         self._turn += 1
         due, reasons = list({entry.name: entry for entry in (*seen, *others)}.values()), []
+        # one a frame, though those that are seen together fall due together
+        again = min((entry for entry in seen if entry.is_due), key=lambda entry: entry.views_solved, default=None)
         try:
-            for entry in seen:
-                if entry.is_due and self.upkeep.resolve(entry, self._next_keys):
-                    reasons.append(f"{entry.name} has turned: its {entry.views} views say so")
+            if again is not None and self.upkeep.resolve(again, self._next_keys):
+                reasons.append(f"{again.name} has turned: its {again.views} views say so")
             self.upkeep.renew(due, self.config.tolerance, self.config.refreshes)
         except ObjectGraphError as error:
             reasons.append(f"upkeep is left for the next frame: {error}")

@@ -14,7 +14,7 @@ from objgraph.slam.incremental.config import Tolerance
 from objgraph.slam.incremental.system import IncrementalSystem
 from objgraph.slam.incremental.tracked import Observation, TrackedObject, cameras_of, entered, linearize
 
-_RESOLVED = 12
+_RESOLVED = 6
 """Views at most with which an object is solved again."""
 
 
