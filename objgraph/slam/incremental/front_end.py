@@ -214,7 +214,9 @@ class FrontEnd:
         self._turn += 1
         due, reasons = list({entry.name: entry for entry in (*seen, *others)}.values()), []
         # one a frame, though those that are seen together fall due together
-        again = min((entry for entry in seen if entry.is_due), key=lambda entry: entry.views_solved, default=None)
+        again = min(
+            (entry for entry in seen if entry.is_due), key=lambda entry: entry.views_solved, default=None
+        )
         try:
             if again is not None and self.upkeep.resolve(again, self._next_keys):
                 reasons.append(f"{again.name} has turned: its {again.views} views say so")
