@@ -1,7 +1,7 @@
 """Mapped objects that are one and the same thing."""
 
 import logging
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 
 import gtsam
 import numpy as np
@@ -36,13 +36,12 @@ def duplicates(
 ) -> tuple[Merge, ...]:
     """Pairs of mapped objects that are the same, each with the one to keep.
 
-    Two objects of one category are one where (1) their centres differ by no more than their covariances allow:
-    chi-squared with 3 degrees of freedom at `probability`, `unmodelled` for each added (headings are left out: a table
-    started twice may be turned by half); (2) their boxes share more room than two solid things can, `merge_iou`;
-    and (3) of 200 points on each one's surface a share of `merge_overlap` lies within `distance` of the other's,
-    as they stand or with the centres brought together, whichever is better. `joint(a, b)` gives the joint covariance
-    of the two poses; without it they are taken as independent, which where they share a camera's error
-    widens the gate. The one to keep has the smaller covariance of pose and scale (its determinant). An object
+    Two objects of one category are one where (1) their boxes share more room than two solid things can, `merge_iou`,
+    and (2) of 200 points on each one's surface a share of `merge_overlap` lies within `distance` of the other's, as they
+    stand; or with the centres brought together, if these differ by no more than their covariances allow: chi-squared
+    with 3 degrees of freedom at `probability`, `unmodelled` for each added (headings are left out: a table started
+    twice may be turned by half). `joint(a, b)` gives the joint covariance of the two poses; without it they are taken as
+    independent, which where they share a camera's error widens that gate. The one to keep has the smaller covariance of pose and scale (its determinant). An object
     merges with one other alone, and one that is kept is never dropped.
 
     Raises:
@@ -56,14 +55,13 @@ def duplicates(
             covariances[i] = objects[i].checked_covariance()
         except SolveError as error:
             _LOG.warning("%s is not compared with its neighbours: %s", objects[i].name, error)
-    gated = {}
-    for a, b in near:
-        if a in covariances and b in covariances:
-            squared = _squared_distance(a, b, objects, covariances, joint, config)
-            if squared <= squared_limit(config.probability, 3):
-                gated[a, b] = squared
-    accepted = _overlapping(objects, gated, config)
-    merges = _stars(objects, covariances, gated, accepted)
+    squared = {
+        (a, b): _squared_distance(a, b, objects, covariances, joint, config)
+        for a, b in near
+        if a in covariances and b in covariances
+    }
+    accepted = _overlapping(objects, squared, config)
+    merges = _stars(objects, covariances, squared, accepted)
     for merge in merges:
         _LOG.info("%s", merge.reason)
     return merges
@@ -112,17 +110,19 @@ def _squared_distance(
 
 
 def _overlapping(
-    objects: Sequence[MappedCandidate], pairs: Collection[tuple[int, int]], config: AssociationConfig
+    objects: Sequence[MappedCandidate], squared: Mapping[tuple[int, int], float], config: AssociationConfig
 ) -> dict[tuple[int, int], tuple[float, float]]:
     """Of the pairs those that stand in one place and have one surface, with the boxes' IoU and the overlap."""
-    involved = sorted({i for pair in pairs for i in pair})
+    involved = sorted({i for pair in squared for i in pair})
     surfaces = dict(
         zip(involved, _surfaces([objects[i] for i in involved], config.merge_points), strict=True)
     )
     boxes = {i: _box(objects[i], surfaces[i]) for i in involved if len(surfaces[i])}
-    iou = {(a, b): box_iou(boxes[a], boxes[b]) for a, b in pairs if a in boxes and b in boxes}
+    iou = {(a, b): box_iou(boxes[a], boxes[b]) for a, b in squared if a in boxes and b in boxes}
     iou = {pair: value for pair, value in iou.items() if value >= config.merge_iou}
-    overlap = _overlaps(objects, list(iou), surfaces, config)
+    limit = squared_limit(config.probability, 3)
+    gated = {pair for pair, value in squared.items() if value <= limit}
+    overlap = _overlaps(objects, list(iou), gated, surfaces, config)
     return {pair: (iou[pair], share) for pair, share in overlap.items() if share >= config.merge_overlap}
 
 
@@ -156,15 +156,16 @@ def _box(entry: MappedCandidate, surface: Float[np.ndarray, "n 3"]) -> OrientedB
 def _overlaps(
     objects: Sequence[MappedCandidate],
     pairs: Sequence[tuple[int, int]],
+    gated: Collection[tuple[int, int]],
     surfaces: dict[int, Float[np.ndarray, "n 3"]],
     config: AssociationConfig,
 ) -> dict[tuple[int, int], float]:
-    """The lesser of both ways' overlaps, as the two stand or with their centres together."""
+    """The lesser of both ways' overlaps, as the two stand or, of those that are gated, with their centres together."""
     queries, of = [], []
     for a, b in pairs:
         between = (
             objects[b].state.T_world_object.translation() - objects[a].state.T_world_object.translation()
-        )
+        ) * ((a, b) in gated)
         for shift in (np.zeros(3), between):
             for source, target, way in ((a, b, shift), (b, a, -shift)):
                 p_world = objects[source].state.to_world(surfaces[source]) + way

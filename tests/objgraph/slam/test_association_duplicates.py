@@ -51,7 +51,7 @@ def test_near_but_distinct_chairs_are_not_merged():
 def test_a_joint_covariance_tightens_the_gate_of_duplicates():
     """Both owe their uncertainty to one camera, so that their difference is known well."""
     state = toy_state()
-    objects = [mapped(state, sigma=0.2), mapped(shifted(state, 0.12, 0.0, 0.0), sigma=0.2)]
+    objects = [mapped(state, sigma=0.2), mapped(shifted(state, 0.2, 0.0, 0.0), sigma=0.2)]
     assert len(duplicates(objects)) == 1
     block = 0.2**2 * np.eye(6)
     config = AssociationConfig(unmodelled=0.005)
@@ -59,3 +59,13 @@ def test_a_joint_covariance_tightens_the_gate_of_duplicates():
     assert duplicates(objects, config, joint=lambda a, b: shared) == ()
     with pytest.raises(FactorError, match="12x12"):
         duplicates(objects, joint=lambda a, b: np.eye(6))
+
+
+def test_one_surface_in_one_place_is_one_object_however_sure_both_are():
+    """A wrong solution's covariance knows nothing of the right one's place."""
+    state = toy_state()
+    objects = [mapped(state, sigma=0.001), mapped(shifted(state, 0.08, 0.0, 0.0), sigma=0.001)]
+    config = AssociationConfig(unmodelled=0.001)
+    (merge,) = duplicates(objects, config)
+    assert merge.mahalanobis > 40
+    assert duplicates([objects[0], mapped(shifted(state, 0.25, 0.0, 0.0), sigma=0.001)], config) == ()
