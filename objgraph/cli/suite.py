@@ -180,16 +180,14 @@ def _document(path: Path) -> dict[str, Any] | None:
 
 def _head(suite: Suite, found: Mapping[str, Mapping[str, Any]]) -> str:
     versions = sorted({version for document in found.values() for version in document["rows_made_by"]})
-    priors: dict[str, str] = {}
-    for document in found.values():
-        priors |= document.get("priors") or {}
-    hashes = ", ".join(f"{name} `{digest[:12]}`" for name, digest in sorted(priors.items()))
     return (
         f"Made by `objgraph evaluate --suite {suite}` and its `--render`: no number here is typed by hand. "
-        f"Program: {', '.join(versions)}. Priors: {hashes}. [What the figures mean, what "
+        f"Program: {', '.join(versions)}; each part says its own, and its priors. [What the figures mean, what "
         "methods and starts are](guides/compare.md); [what is wrong with scans of each difficulty](reference/benchmark.md).\n"
     )
 
 
 def _made_by(document: Mapping[str, Any]) -> str:
-    return f"Seed {document['seed']}, rows by {', '.join(document['rows_made_by'])}."
+    priors = sorted((document.get("priors") or {}).items())
+    hashes = ", ".join(f"{name} `{digest[:12]}`" for name, digest in priors)
+    return f"Seed {document['seed']}, rows by {', '.join(document['rows_made_by'])}{'; priors: ' * bool(priors)}{hashes}."
