@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float
 from matplotlib.axes import Axes
+from matplotlib.axis import Axis
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullLocator
 from scipy.stats import binomtest, chi2
@@ -49,7 +50,8 @@ def error_plot(entries: Sequence[Entry], methods: Sequence[str], data: str, path
                 }
                 shift = 0.06 * (i - (len(methods) - 1) / 2)
                 _line(axis, [chosen.get(v) for v in views], np.array(views) + shift, name, factor, i, method)
-            axis.set_ylim(bottom=0)
+            axis.set_yscale("log")  # a method that diverges is hundreds of times as far off as others
+            _tick(axis.yaxis)
             axis.grid(alpha=0.3)
             if column == 0:
                 axis.set_ylabel(label)
@@ -60,6 +62,13 @@ def error_plot(entries: Sequence[Entry], methods: Sequence[str], data: str, path
     _legend(figure, axes[0, 0], len(categories))
     figure.suptitle(f"Median error, 95 % bootstrap over shapes ({data})", fontsize=11)
     finish(figure, None, None, path)
+
+
+def _tick(side: Axis) -> None:
+    """Ticks of a logarithmic axis, as plain numbers."""
+    side.set_major_locator(LogLocator(10, subs=(1, 2, 5)))
+    side.set_major_formatter("{x:g}")
+    side.set_minor_locator(NullLocator())
 
 
 def uncertainty_plot(rows: Sequence[ObjectRow], methods: Sequence[str], data: str, path: Path) -> bool:
@@ -84,9 +93,7 @@ def uncertainty_plot(rows: Sequence[ObjectRow], methods: Sequence[str], data: st
         axis.set_xscale("log")
         axis.set_yscale("log")
         for side in (axis.xaxis, axis.yaxis):
-            side.set_major_locator(LogLocator(10, subs=(1, 2, 5)))
-            side.set_major_formatter("{x:g}")
-            side.set_minor_locator(NullLocator())
+            _tick(side)
         axis.grid(alpha=0.3, which="both")
         axis.set_title(category)
         axis.set_xlabel("standard deviation of the SDF (cm)")
