@@ -7,7 +7,6 @@ from typing import NamedTuple
 import cv2
 import matplotlib
 import numpy as np
-import open3d as o3d
 from jaxtyping import Float
 from scipy.spatial import ConvexHull, QhullError
 
@@ -111,6 +110,8 @@ def _around(
     cloud: _Cloud, corners: Float[np.ndarray, "v 3"], up: Float[np.ndarray, "3"], radius: float
 ) -> _Cloud:
     """The part of the cloud near the objects, thinned, and a little faded so that the meshes stand out."""
+    import open3d as o3d  # slow to import
+
     points = cloud.points
     near = ((points > corners.min(axis=0) - _AROUND) & (points < corners.max(axis=0) + _AROUND)).all(axis=1)
     near &= points @ up < (corners @ up).max() + _ABOVE

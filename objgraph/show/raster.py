@@ -3,13 +3,16 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
-import open3d as o3d
 from jaxtyping import Bool, Float, Int
 
 from objgraph.geometry.frames import transformed_back
 from objgraph.observation.frames import Intrinsics
+
+if TYPE_CHECKING:
+    import open3d as o3d
 
 _AMBIENT = 0.5
 """Share of a surface's colour that does not depend on where it faces."""
@@ -36,8 +39,10 @@ class Surface:
     """RGB in 0..1."""
 
     @cached_property
-    def scene(self) -> o3d.t.geometry.RaycastingScene:
+    def scene(self) -> "o3d.t.geometry.RaycastingScene":
         """What rays are cast at."""
+        import open3d as o3d  # slow to import, and of no use before there is something to draw
+
         scene = o3d.t.geometry.RaycastingScene(nthreads=1)
         scene.add_triangles(self.vertices.astype(np.float32), self.faces.astype(np.uint32))
         return scene
@@ -80,7 +85,7 @@ def draw_surfaces(camera: Camera, surfaces: Sequence[Surface]) -> Layer:
     surface = joined(surfaces)
     directions = _directions(camera)
     eye = np.broadcast_to(camera.T_world_camera[:3, 3], directions.shape)
-    hits = surface.scene.cast_rays(o3d.core.Tensor(np.concatenate([eye, directions], -1).astype(np.float32)))
+    hits = surface.scene.cast_rays(np.concatenate([eye, directions], -1).astype(np.float32))
     hit = hits["t_hit"].numpy()  # directions have z = 1 in the camera frame, so this is z-depth
     seen = np.isfinite(hit)
     corners = surface.faces[hits["primitive_ids"].numpy()[seen]]

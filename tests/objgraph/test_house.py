@@ -88,6 +88,11 @@ sys.exit("\\n".join(f"{{name}} is loaded by {{what}}" for name, what in loaded.i
     assert run.returncode == 0, run.stderr
 
 
+def test_the_map_command_loads_no_open3d_before_it_draws():
+    script = "import sys, objgraph.cli.map; sys.exit('open3d' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", script], cwd=ROOT, check=False).returncode == 0
+
+
 def test_folders_import_each_other_in_one_direction():
     places: dict[tuple[str, str], str] = {}
     for path, module in _imports(ROOT / "objgraph"):

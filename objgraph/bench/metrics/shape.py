@@ -1,7 +1,6 @@
 """Chamfer distance and the intersection over union of solids."""
 
 import numpy as np
-import open3d as o3d
 import trimesh
 from jaxtyping import Bool, Float
 from scipy import ndimage
@@ -86,28 +85,26 @@ def _distance_near_surface(
     vertices: np.ndarray, faces: np.ndarray, axes: list[np.ndarray], voxel: float
 ) -> Float[np.ndarray, "x y z"]:
     """Distances of the voxels' centres; infinite for blocks wholly farther off than half a voxel's diagonal."""
-    scene = o3d.t.geometry.RaycastingScene()
-    scene.add_triangles(
-        o3d.core.Tensor(np.ascontiguousarray(vertices, dtype=np.float32)),
-        o3d.core.Tensor(np.ascontiguousarray(faces, dtype=np.uint32)),
-    )
+    from objgraph.bench.worlds.raycaster import raycaster  # slow to import, and of no use to most commands
+
+    scene = raycaster([(vertices, faces)])
+
+    def distances(points: Float[np.ndarray, "... 3"]) -> np.ndarray:
+        return scene.compute_distance(np.ascontiguousarray(points)).numpy()
+
     coarse = [axis[0] + voxel * (np.arange(0, len(axis), _BLOCK) + (_BLOCK - 1) / 2) for axis in axes]
-    near = _distances(scene, _points(coarse)) <= 1.01 * voxel * _BLOCK * np.sqrt(3) / 2
+    near = distances(_points(coarse)) <= 1.01 * voxel * _BLOCK * np.sqrt(3) / 2
     shape = tuple(len(axis) for axis in axes)
     for i in range(3):
         near = near.repeat(_BLOCK, axis=i)
     near = near[: shape[0], : shape[1], : shape[2]]
     distance = np.full(shape, np.inf)
-    distance[near] = _distances(scene, _points(axes)[near])
+    distance[near] = distances(_points(axes)[near])
     return distance
 
 
 def _points(axes: list[np.ndarray]) -> Float[np.ndarray, "x y z 3"]:
     return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).astype(np.float32)
-
-
-def _distances(scene: o3d.t.geometry.RaycastingScene, points: Float[np.ndarray, "... 3"]) -> np.ndarray:
-    return scene.compute_distance(o3d.core.Tensor(np.ascontiguousarray(points))).numpy()
 
 
 def _sample(mesh: PlacedMesh, points: int, seed: int) -> Float[np.ndarray, "n 3"]:
