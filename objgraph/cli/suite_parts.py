@@ -44,7 +44,8 @@ def _docs() -> list[Part]:
         Part(
             f"{difficulty}-{shapes}", f"{difficulty.capitalize()}: {words}",
             {"difficulty": difficulty, "objects": objects, "views": ("3",), "methods": methods(shapes), **_shapes(shapes)},
-            pictures=("pose_over_faults.png", "error_against_uncertainty.png"),
+            # rates in four bins of a few objects each would be chance
+            pictures=("pose_over_faults.png",) * (objects >= 24) + ("error_against_uncertainty.png",),
         )
         for difficulty, objects in (("hard", 24), ("everyday", 8))
         for shapes, words in (
