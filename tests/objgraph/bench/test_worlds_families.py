@@ -89,8 +89,8 @@ def test_the_symmetry_stated_is_the_one_found(family):
     for seed in range(3):
         piece = make_piece("table", family, np.random.default_rng(seed))
         found = symmetry_of(piece.mesh)
-        # a cage's rods fall on each other at some turns alone
-        assert found != 1 if family == "cage" else found == piece.symmetry
+        # a turned cage's rods need not fall on each other, but do at quarter turns
+        assert found % 4 == 0 if family == "cage" else found == piece.symmetry
 
 
 def stool(legs: int) -> trimesh.Trimesh:
