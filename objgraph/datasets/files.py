@@ -13,13 +13,13 @@ from PIL import Image
 
 from objgraph.checked import parse_json
 from objgraph.errors import DatasetError
+from objgraph.geometry.frames import why_not_rigid
 from objgraph.observation.frames import Frame, FrameSource, Intrinsics
 
 log = logging.getLogger(__name__)
 
 MOST_PIXELS = 8 * 10**7
 """Of an image; what Pillow warns of is larger."""
-_RIGID_TOLERANCE = 1e-2
 _INVALID_DEPTH = np.iinfo(np.uint16).max
 
 
@@ -127,19 +127,10 @@ def fitted_ids(ids: np.ndarray, origin: object, shape: tuple[int, int]) -> Int[n
 
 
 def rigid_or_reason(matrix: Float[np.ndarray, "4 4"]) -> Float[np.ndarray, "4 4"] | str:
-    """The pose with its rotation made exactly orthonormal, or why it is none.
-
-    Rotations that are off by up to 1 % (single precision, few digits in the file) are accepted.
-    """
-    if not np.isfinite(matrix).all():
-        return "it holds NaN or infinity"
-    rotation = matrix[:3, :3]
-    error = np.abs(rotation.T @ rotation - np.eye(3)).max()
-    if error > _RIGID_TOLERANCE or np.abs(matrix[3] - [0, 0, 0, 1]).max() > _RIGID_TOLERANCE:
-        return f"it is not rigid (R^T R is off by {error:.2g})"
-    if np.linalg.det(rotation) < 0:
-        return "its rotation is a reflection"
-    u, _, vt = np.linalg.svd(rotation)
+    """The pose with its rotation made exactly orthonormal, or why it is none."""
+    if (why := why_not_rigid(matrix)) is not None:
+        return why
+    u, _, vt = np.linalg.svd(matrix[:3, :3])
     pose = np.eye(4)
     pose[:3, :3], pose[:3, 3] = u @ vt, matrix[:3, 3]
     return pose

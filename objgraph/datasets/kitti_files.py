@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
-from objgraph.datasets.files import read_bytes
+from objgraph.datasets.files import read_bytes, rigid_or_reason
 from objgraph.errors import DatasetError
 from objgraph.observation.lidar.kitti_box import KittiBox
 
@@ -52,12 +52,12 @@ def read_calibration(path: Path) -> Calibration:
     T_rect_camera, T_rect_velodyne = np.eye(4), np.eye(4)
     T_rect_camera[:3, 3] = -np.linalg.solve(K, P2[:, 3])
     T_rect_velodyne[:3] = R0 @ Tr
-    R = T_rect_velodyne[:3, :3]
-    if np.abs(R @ R.T - np.eye(3)).max() > 1e-2 or np.linalg.det(R) < 0:
-        raise DatasetError(f"{path}: R0_rect and Tr_velo_to_cam are no rigid motion; download the file again")
-    u, _, vt = np.linalg.svd(R)
-    T_rect_velodyne[:3, :3] = u @ vt
-    return Calibration(K, T_rect_camera, T_rect_velodyne)
+    rigid = rigid_or_reason(T_rect_velodyne)
+    if isinstance(rigid, str):
+        raise DatasetError(
+            f"{path}: R0_rect and Tr_velo_to_cam are no rigid motion: {rigid}; download the file again"
+        )
+    return Calibration(K, T_rect_camera, rigid)
 
 
 def read_velodyne(path: Path) -> Float[np.ndarray, "n 3"]:

@@ -46,6 +46,20 @@ def look_at(
     return T
 
 
+def why_not_rigid(T: Float[np.ndarray, "4 4"], tolerance: float = 1e-2) -> str | None:
+    """What keeps a matrix from being a rotation and a translation, None where nothing does.
+
+    The default takes rotations of single precision, or of few digits in a file.
+    """
+    if not np.isfinite(T).all():
+        return "it holds NaN or infinity"
+    R = T[:3, :3]
+    error = np.abs(R.T @ R - np.eye(3)).max()
+    if error > tolerance or np.abs(T[3] - [0, 0, 0, 1]).max() > tolerance:
+        return f"it is not rigid (R^T R is off by {error:.2g})"
+    return "its rotation is a reflection" if np.linalg.det(R) < 0 else None
+
+
 def transformed(T_a_b: Float[np.ndarray, "4 4"], p_b: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
     """Points of frame b in frame a."""
     return p_b @ T_a_b[:3, :3].T + T_a_b[:3, 3]

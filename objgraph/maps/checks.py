@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Float
 
 from objgraph.errors import MapError
+from objgraph.geometry.frames import why_not_rigid
 
 
 def array(where: str, value: Any, shape: tuple[int | None, ...], dtype: type) -> np.ndarray | None:
@@ -57,6 +58,4 @@ def whole(where: str, value: Any) -> int | None:
 
 def is_rigid(T: Float[np.ndarray, "4 4"]) -> bool:
     """Whether a matrix is a rotation and a translation, to the precision of a text file."""
-    R = T[:3, :3]
-    orthonormal = np.allclose(R.T @ R, np.eye(3), atol=1e-4) and np.linalg.det(R) > 0
-    return bool(orthonormal and np.allclose(T[3], [0, 0, 0, 1], atol=1e-9))
+    return why_not_rigid(T, 1e-4) is None

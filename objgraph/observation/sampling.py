@@ -11,7 +11,7 @@ from factors import checks
 from factors.checks import DEVIATIONS, PLACES
 from factors.rays import Rays
 from objgraph.errors import ConfigError, ObservationError
-from objgraph.geometry.frames import transformed
+from objgraph.geometry.frames import transformed, why_not_rigid
 from objgraph.geometry.voxels import voxel_keys
 from objgraph.observation.frames import IDS, Frame
 from objgraph.observation.masks import (
@@ -227,10 +227,9 @@ def rigid_pose(frame: Frame, where: str) -> gtsam.Pose3:
     T = np.asarray(frame.T_world_camera, dtype=float)
     if T.shape != (4, 4) or not np.abs(T).max() < PLACES.most:
         raise ObservationError(f"{where}: the camera pose is not a finite 4x4 matrix; leave the frame out")
-    R = T[:3, :3]
-    if np.abs(R @ R.T - np.eye(3)).max() > 1e-2 or np.linalg.det(R) < 0:
-        raise ObservationError(f"{where}: the camera pose is no rigid motion; leave the frame out")
-    return gtsam.Pose3(gtsam.Rot3.ClosestTo(R), T[:3, 3])
+    if (why := why_not_rigid(T)) is not None:
+        raise ObservationError(f"{where}: the camera pose is no rigid motion: {why}; leave the frame out")
+    return gtsam.Pose3(gtsam.Rot3.ClosestTo(T[:3, :3]), T[:3, 3])
 
 
 def _even_weights(points: Float[np.ndarray, "n 3"], edge: float = 0.03) -> Float[np.ndarray, "n"]:

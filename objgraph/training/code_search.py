@@ -57,8 +57,8 @@ class CodeRows:
         return self.points, self.target, self.deviation, self.weight, self.one_sided
 
 
-class Pull(NamedTuple):
-    """Toward likelier codes: cost, half its gradient and half its Hessian at b codes."""
+class Quadratic(NamedTuple):
+    """A cost, half its gradient and half its (majorising) Hessian at b codes."""
 
     cost: Float[np.ndarray, "b"]
     gradient: Float[np.ndarray, "b l"]
@@ -85,12 +85,13 @@ class CodeGaussians(NamedTuple):
         information = np.linalg.inv(covariance + ridge * np.eye(length))
         return cls(np.asarray(prior.code_mean, float)[None], information[None], np.zeros(1))
 
-    def at(self, codes: Float[np.ndarray, "b l"]) -> Pull:
+    def at(self, codes: Float[np.ndarray, "b l"]) -> Quadratic:
+        """How codes are pulled toward likelier ones."""
         offset = codes[:, None] - self.mean
         pull = np.einsum("bkl,klm->bkm", offset, self.information)
         cost = (pull * offset).sum(axis=2) + self.rarity
         row, best = np.arange(len(codes)), cost.argmin(axis=1)
-        return Pull(cost[row, best], pull[row, best], self.information[best])
+        return Quadratic(cost[row, best], pull[row, best], self.information[best])
 
 
 class Found(NamedTuple):
@@ -98,12 +99,6 @@ class Found(NamedTuple):
 
     codes: Float[np.ndarray, "b l"]
     costs: Float[np.ndarray, "b"]
-
-
-class _Quadratic(NamedTuple):
-    cost: Float[np.ndarray, "b"]
-    gradient: Float[np.ndarray, "b l"]
-    hessian: Float[np.ndarray, "b l l"]
 
 
 @dataclass(frozen=True)
@@ -193,7 +188,7 @@ def sample_rows(
 
 
 def _steps(
-    at: _Quadratic, damping: Float[np.ndarray, "b"], active: Int[np.ndarray, "a"]
+    at: Quadratic, damping: Float[np.ndarray, "b"], active: Int[np.ndarray, "a"]
 ) -> Float[np.ndarray, "a l"]:
     hessian = at.hessian[active].copy()
     diagonal = np.arange(hessian.shape[1])
@@ -203,8 +198,7 @@ def _steps(
 
 def _linearized(
     decoder: SdfDecoder, rows: CodeRows, held: CodeGaussians, codes: Float[np.ndarray, "b l"]
-) -> _Quadratic:
-    """Cost, half its gradient and half its (majorising) Hessian at each code."""
+) -> Quadratic:
     value, jacobian = _values(decoder, rows.points, codes)
     error = (value - rows.target) / rows.deviation
     error = np.where(rows.one_sided, np.minimum(error, 0.0), error)
@@ -218,7 +212,7 @@ def _linearized(
     gradient = np.einsum("bnl,bn->bl", scaled, weight * error) + pull.gradient
     hessian = scaled.transpose(0, 2, 1) @ (weight[..., None] * scaled) + pull.hessian
     cost = rho @ rows.weight + pull.cost
-    return _Quadratic(cost, gradient, hessian)
+    return Quadratic(cost, gradient, hessian)
 
 
 def _values(

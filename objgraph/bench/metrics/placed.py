@@ -9,9 +9,7 @@ from jaxtyping import Float, Int
 from objgraph.datasets.ground_truth import GroundTruth
 from objgraph.errors import EvaluationError
 from objgraph.geometry.boxes import OrientedBox
-from objgraph.geometry.frames import transformed
-
-_RIGID_TOLERANCE = 1e-4
+from objgraph.geometry.frames import transformed, why_not_rigid
 
 
 @dataclass(frozen=True)
@@ -71,9 +69,7 @@ class PlacedMesh:
 def _check_pose(label: str, T: np.ndarray, scale: np.ndarray) -> None:
     if np.shape(T) != (4, 4) or not np.isfinite(T).all():
         raise EvaluationError(f"{label}: T_world_object must be a finite 4x4 matrix, got shape {np.shape(T)}")
-    R = T[:3, :3]
-    rigid = np.allclose(R @ R.T, np.eye(3), atol=_RIGID_TOLERANCE) and np.linalg.det(R) > 0
-    if not rigid or not np.allclose(T[3], [0, 0, 0, 1]):
+    if why_not_rigid(T, 1e-4) is not None:
         raise EvaluationError(f"{label}: T_world_object is not rigid; take the scale out of it")
     if np.shape(scale) != (3,) or not np.isfinite(scale).all() or np.min(scale) <= 0:
         raise EvaluationError(f"{label}: the scale must be three positive numbers, got {scale}")

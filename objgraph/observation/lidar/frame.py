@@ -10,15 +10,14 @@ from factors import checks
 from factors.checks import DEVIATIONS, PLACES
 from objgraph.errors import ObservationError
 from objgraph.geometry.boxes import OrientedBox
-from objgraph.geometry.frames import transformed, transformed_back
+from objgraph.geometry.frames import transformed, transformed_back, why_not_rigid
 from objgraph.observation.frames import IDS, Intrinsics, check_sizes
 
 
 def rigid(what: str, T: Float[np.ndarray, "4 4"]) -> Float[np.ndarray, "4 4"]:
     """The matrix; raises ObservationError where it is no rotation and translation."""
-    R = T[:3, :3]
-    if not np.abs(R @ R.T - np.eye(3)).max() < 1e-2 or np.linalg.det(R) < 0:
-        raise ObservationError(f"{what} is no rigid motion")
+    if (why := why_not_rigid(T)) is not None:
+        raise ObservationError(f"{what} is no rigid motion: {why}")
     return T
 
 

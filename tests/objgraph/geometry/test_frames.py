@@ -13,6 +13,7 @@ from objgraph.geometry.frames import (
     transformed,
     transformed_back,
     upright_axes,
+    why_not_rigid,
 )
 
 VECTOR = hnp.arrays(float, 3, elements=st.floats(-5, 5).map(lambda x: round(x, 6)))
@@ -61,3 +62,25 @@ def test_points_come_back(eye, target, points):
     np.testing.assert_allclose(transformed_back(T, transformed(T, points)), points, atol=1e-9)
     homogeneous = np.concatenate([points, np.ones((4, 1))], axis=1) @ T.T
     np.testing.assert_allclose(transformed(T, points), homogeneous[:, :3], atol=1e-9)
+
+
+@given(angle=st.floats(-3, 3), off=st.floats(-0.2, 0.2))
+def test_a_rotation_that_is_stretched_is_told(angle: float, off: float):
+    T = np.eye(4)
+    T[:3, :3] = (1 + off) * upright_axes(np.array([0.0, 1.0, 0.0]), angle)
+    assume(abs(abs((1 + off) ** 2 - 1) - 1e-2) > 1e-6)
+    assert (why_not_rigid(T) is None) == (abs((1 + off) ** 2 - 1) < 1e-2)
+
+
+@pytest.mark.parametrize(
+    ("T", "why"),
+    [
+        (np.full((4, 4), np.nan), "it holds NaN or infinity"),
+        (np.diag([1.0, 1, -1, 1]), "its rotation is a reflection"),
+        (np.diag([1.0, 1, 1, 2]), "it is not rigid (R^T R is off by 0)"),
+        (np.diag([2.0, 1, 1, 1]), "it is not rigid (R^T R is off by 3)"),
+        (np.eye(4), None),
+    ],
+)
+def test_it_is_said_what_is_wrong(T: np.ndarray, why: str | None):
+    assert why_not_rigid(T) == why
