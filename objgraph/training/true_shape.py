@@ -6,12 +6,12 @@ from functools import cached_property
 from pathlib import Path
 
 import numpy as np
-import open3d as o3d
 import trimesh
 from jaxtyping import Bool, Float
 from scipy.spatial import cKDTree
 
 from objgraph.errors import EvaluationError
+from objgraph.geometry.raycaster import raycaster, seen_from_outside
 from objgraph.priors.mesh import field_grid
 from objgraph.training.mesh_files import canonical, read_mesh
 from objgraph.training.samples import surface_points
@@ -23,10 +23,6 @@ PAIR_POINTS = 20_000
 """Points a side of the point-to-point Chamfer distance."""
 NEAR = 0.02
 """A surface point this close to the other surface is recalled, or precise."""
-_DIRECTIONS = 100
-"""From which a solid is looked at from afar, spread evenly."""
-_STEP = 1e-3
-"""Off the surface, canonical, where a look at it ends."""
 
 
 @dataclass(frozen=True)
@@ -44,11 +40,7 @@ class ShapeScore:
 
 
 class TrueShape:
-    """A solid, points on what is seen of its surface from somewhere outside, and distances to all of its outer surface.
-
-    As in DeepSDF (Park et al., CVPR 2019), whose shapes are looked at by a hundred cameras: of an infinigen sofa a third of
-    the outer surface lies between cushions and frame, where no camera sees it.
-    """
+    """A solid, points on what is seen of its surface from somewhere outside, and distances to all of its outer surface."""
 
     def __init__(self, solid: Solid, seed: int = 0) -> None:
         self.solid = solid
@@ -115,23 +107,6 @@ class TrueShape:
         return field_grid(field, resolution, bound, slope=float(slope)) < 0
 
 
-def seen_from_outside(
-    surfaces: Sequence[trimesh.Trimesh], points: Float[np.ndarray, "n 3"]
-) -> Bool[np.ndarray, "n"]:
-    """Which points on the surfaces are in view from at least one of a hundred directions."""
-    scene = _scene(surfaces)
-    # a Fibonacci lattice on the sphere
-    index = np.arange(_DIRECTIONS) + 0.5
-    z, angle = 1 - 2 * index / _DIRECTIONS, np.pi * (1 + np.sqrt(5)) * index
-    level = np.sqrt(1 - z**2)
-    hidden = np.arange(len(points))
-    for direction in np.stack([level * np.cos(angle), level * np.sin(angle), z], axis=1):
-        start = points[hidden] + _STEP * direction
-        rays = np.concatenate([start, np.broadcast_to(direction, start.shape)], axis=1).astype(np.float32)
-        hidden = hidden[scene.test_occlusions(o3d.core.Tensor(rays)).numpy()]
-    return ~np.isin(np.arange(len(points)), hidden)
-
-
 def volume_iou(a: Bool[np.ndarray, "x y z"], b: Bool[np.ndarray, "x y z"]) -> float:
     """Intersection over union of two solids given at the nodes of one grid; 0 where both are empty."""
     union = np.count_nonzero(a | b)
@@ -150,12 +125,5 @@ def read_solid(path: Path, name: str) -> Solid:
 
 
 def _unsigned(meshes: Sequence[trimesh.Trimesh], points: np.ndarray) -> np.ndarray:
-    query = o3d.core.Tensor(np.ascontiguousarray(points, np.float32))
-    return _scene(meshes).compute_distance(query).numpy().astype(float)
-
-
-def _scene(meshes: Sequence[trimesh.Trimesh]) -> o3d.t.geometry.RaycastingScene:
-    scene = o3d.t.geometry.RaycastingScene(nthreads=1)
-    for mesh in meshes:
-        scene.add_triangles(np.asarray(mesh.vertices, np.float32), np.asarray(mesh.faces, np.uint32))
-    return scene
+    scene = raycaster((mesh.vertices, mesh.faces) for mesh in meshes)
+    return scene.compute_distance(np.ascontiguousarray(points, np.float32)).numpy().astype(float)

@@ -28,11 +28,43 @@ def surface_errors(
 
     The former is the mean of the two directed mean distances between surfaces, in metres, in the world frame. Points
     are uniform by metric area and drawn independently on either side, so equal surfaces do not give zero but about
-    half the mean spacing of the points: half a centimetre on a chair.
+    half the mean spacing of the points: half a centimetre on a chair. Of the truth's those that are seen from outside count.
     """
-    a, b = _sample(estimate, points, seed), _sample(truth, points, seed + 1)
+    a, b = points_on(estimate, points, seed), seen_points_on(truth, points, seed + 1)
     of_estimate, of_truth = cKDTree(b).query(a)[0], cKDTree(a).query(b)[0]
     return float((of_estimate.mean() + of_truth.mean()) / 2), float((of_truth < RECALL_M).mean())
+
+
+def points_on(mesh: PlacedMesh, points: int, seed: int = 0) -> Float[np.ndarray, "n 3"]:
+    """World points on the surface, uniform by area; raises EvaluationError where it has none."""
+    return transformed(mesh.T_world_object, _drawn(mesh, _surface(mesh), points, seed))
+
+
+def seen_points_on(mesh: PlacedMesh, points: int, seed: int = 0) -> Float[np.ndarray, "n 3"]:
+    """The same, of what is seen from somewhere outside (`seen_from_outside`): so many, or as many as twice as many hold.
+
+    Raises EvaluationError where it has no area, or nothing of it is seen.
+    """
+    from objgraph.geometry.raycaster import (
+        seen_from_outside,
+    )  # slow to import, and of no use to most commands
+
+    surface = _surface(mesh)  # in the object's axes: the same points wherever it stands
+    drawn = _drawn(mesh, surface, 2 * points, seed)
+    seen = drawn[seen_from_outside([surface], drawn)]
+    if not len(seen):
+        raise EvaluationError(f"{mesh.label}: nothing of its surface is seen from outside")
+    return transformed(mesh.T_world_object, seen[:points])
+
+
+def _surface(mesh: PlacedMesh) -> trimesh.Trimesh:
+    return trimesh.Trimesh(mesh.p_metric, mesh.faces, process=False)
+
+
+def _drawn(mesh: PlacedMesh, surface: trimesh.Trimesh, points: int, seed: int) -> Float[np.ndarray, "n 3"]:
+    if not surface.area > 0:
+        raise EvaluationError(f"{mesh.label}: the mesh has no area to sample")
+    return np.asarray(trimesh.sample.sample_surface(surface, points, seed=seed)[0])
 
 
 def volume_iou(estimate: PlacedMesh, truth: PlacedMesh, voxels: int = VOXELS) -> float:
@@ -85,7 +117,7 @@ def _distance_near_surface(
     vertices: np.ndarray, faces: np.ndarray, axes: list[np.ndarray], voxel: float
 ) -> Float[np.ndarray, "x y z"]:
     """Distances of the voxels' centres; infinite for blocks wholly farther off than half a voxel's diagonal."""
-    from objgraph.bench.worlds.raycaster import raycaster  # slow to import, and of no use to most commands
+    from objgraph.geometry.raycaster import raycaster  # slow to import, and of no use to most commands
 
     scene = raycaster([(vertices, faces)])
 
@@ -105,11 +137,3 @@ def _distance_near_surface(
 
 def _points(axes: list[np.ndarray]) -> Float[np.ndarray, "x y z 3"]:
     return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).astype(np.float32)
-
-
-def _sample(mesh: PlacedMesh, points: int, seed: int) -> Float[np.ndarray, "n 3"]:
-    surface = trimesh.Trimesh(mesh.p_world, mesh.faces, process=False)
-    if not surface.area > 0:
-        raise EvaluationError(f"{mesh.label}: the mesh has no area to sample")
-    sampled, *_ = trimesh.sample.sample_surface(surface, points, seed=seed)
-    return np.asarray(sampled)

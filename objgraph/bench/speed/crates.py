@@ -8,8 +8,8 @@ import open3d as o3d
 import trimesh
 
 from factors.depth import RaySampling
-from objgraph.bench.worlds.raycaster import raycaster
 from objgraph.geometry.frames import look_at
+from objgraph.geometry.raycaster import raycaster
 from objgraph.graph.builder import GraphConfig
 from objgraph.graph.initialise import InitialisationConfig
 from objgraph.observation.frames import Frame, FrameSource, Instance, Intrinsics, Scan

@@ -6,7 +6,7 @@ import trimesh
 from jaxtyping import Float
 from numpy.random import Generator
 
-from objgraph.bench.worlds.raycaster import Raycaster, raycaster
+from objgraph.geometry.raycaster import Raycaster, raycaster
 from objgraph.synthetic.furniture import Furniture
 from objgraph.synthetic.scene import PlacedFurniture, stand
 

@@ -8,7 +8,6 @@ import trimesh
 from jaxtyping import Bool, Float
 from numpy.random import Generator
 
-from objgraph.bench.worlds.raycaster import Raycaster, raycaster
 from objgraph.bench.worlds.room import Room, draw_room
 from objgraph.bench.worlds.viewpoints import (
     HEIGHT_M,
@@ -20,6 +19,7 @@ from objgraph.bench.worlds.viewpoints import (
 )
 from objgraph.errors import DatasetError
 from objgraph.geometry.frames import look_at, transformed, transformed_back
+from objgraph.geometry.raycaster import Raycaster, raycaster
 from objgraph.synthetic.camera import Pose, intrinsics
 from objgraph.synthetic.faults import Faults
 from objgraph.synthetic.furniture import Furniture

@@ -9,8 +9,8 @@ import numpy as np
 import trimesh
 from numpy.random import Generator
 
-from objgraph.bench.worlds.raycaster import raycaster
 from objgraph.errors import DatasetError, PriorError
+from objgraph.geometry.raycaster import raycaster
 from objgraph.synthetic.furniture import Furniture
 from objgraph.training.index import HELDOUT_SHARE, heldout_groups, read_index
 from objgraph.training.mesh_files import SUFFIXES, canonical, list_meshes, read_mesh

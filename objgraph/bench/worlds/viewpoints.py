@@ -8,10 +8,10 @@ import open3d as o3d
 from jaxtyping import Float
 from numpy.random import Generator
 
-from objgraph.bench.worlds.raycaster import Raycaster, raycaster
 from objgraph.bench.worlds.room import Room, draw_room
 from objgraph.errors import DatasetError
 from objgraph.geometry.frames import look_at
+from objgraph.geometry.raycaster import Raycaster, raycaster
 from objgraph.synthetic.camera import Pose, intrinsics
 from objgraph.synthetic.furniture import Furniture
 

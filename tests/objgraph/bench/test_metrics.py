@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 
 from objgraph.bench.metrics.metrics import Evaluation, evaluate_object
 from objgraph.bench.metrics.placed import PlacedMesh
-from objgraph.bench.metrics.shape import surface_errors, volume_iou
+from objgraph.bench.metrics.shape import seen_points_on, surface_errors, volume_iou
 from objgraph.datasets.ground_truth import GroundTruth
 from objgraph.errors import EvaluationError
 
@@ -137,6 +137,22 @@ def test_chamfer_of_two_balls_is_the_difference_of_their_radii():
     fine = trimesh.creation.icosphere(subdivisions=5, radius=0.3)
     distance = surface_errors(placed(fine, scale=(1.5,) * 3), placed(fine))[0]
     assert distance == pytest.approx(0.15, rel=0.02)
+
+
+def test_what_nobody_can_see_of_the_truth_is_not_missed():
+    inside = trimesh.creation.box((0.3, 0.3, 0.3))
+    filled = trimesh.util.concatenate([BOX, inside])
+    chamfer, recall = surface_errors(placed(), placed(filled))
+    alone, _ = surface_errors(placed(), placed())
+    assert recall > 0.99
+    assert chamfer == pytest.approx(alone, rel=0.05)
+    # what an estimate has inside is there, and wrong
+    assert surface_errors(placed(filled), placed())[0] > 2 * alone
+
+
+def test_faces_that_are_there_twice_are_seen():
+    flat = trimesh.Trimesh(BOX.vertices, np.concatenate([BOX.faces, BOX.faces[:, ::-1]]), process=False)
+    assert len(seen_points_on(placed(flat), 500)) == 500
 
 
 def test_chamfer_is_in_metres_of_the_world():

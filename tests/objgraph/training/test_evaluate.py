@@ -6,7 +6,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import trimesh
-from trimesh.sample import sample_surface
 
 from objgraph.cli.main import main
 from objgraph.errors import EvaluationError, PriorError
@@ -17,7 +16,7 @@ from objgraph.training.partial import PartialConfig
 from objgraph.training.random_codes import BOX_TOLERANCE, check_random_codes
 from objgraph.training.report import document, summary, table
 from objgraph.training.samples import SampleConfig
-from objgraph.training.true_shape import TrueShape, read_solid, seen_from_outside
+from objgraph.training.true_shape import TrueShape, read_solid
 from tests.shapes import MEAN_HALF, box_prior
 
 QUICK = PriorEvaluationConfig(
@@ -264,20 +263,6 @@ def test_what_cannot_be_evaluated_is_one_line_and_no_file(arguments, message, tm
     assert message.replace("{}", str(tmp_path)) in printed
     assert printed.count("\n") == 1
     assert not out.exists()
-
-
-def test_what_no_direction_sees_is_not_measured():
-    outer, inner = trimesh.creation.box(np.ones(3)), trimesh.creation.box(0.4 * np.ones(3))
-    points = np.concatenate([sample_surface(mesh, 200, seed=0)[0] for mesh in (outer, inner)])
-    seen = seen_from_outside([outer, inner], points)
-    assert seen[:200].all()
-    assert not seen[200:].any()
-    # through an open top something of the inner one is seen, and not its underside
-    cup = trimesh.Trimesh(outer.vertices, outer.faces[outer.face_normals[:, 1] < 0.9], process=False)
-    seen = seen_from_outside([cup, inner], points[200:])
-    top, bottom = points[200:, 1] > 0.1999, points[200:, 1] < -0.1999
-    assert seen[top].all()
-    assert not seen[bottom].any()
 
 
 def test_no_folder_of_meshes_is_said_so():

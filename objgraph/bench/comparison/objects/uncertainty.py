@@ -3,20 +3,19 @@
 from dataclasses import dataclass
 
 import numpy as np
-import trimesh
-import trimesh.sample
 from jaxtyping import Float
 from scipy.stats import pearsonr, spearmanr
 
 from factors.state import ObjectState
 from objgraph.bench.metrics.placed import PlacedMesh
+from objgraph.bench.metrics.shape import seen_points_on
 from objgraph.covariance.labelled import ObjectCovariance
 from objgraph.covariance.surface import metric_sdf
 from objgraph.datasets.ground_truth import GroundTruth
 from objgraph.priors.shape_prior import ShapePrior
 
 POINTS = 10_000
-"""Points on the true surface, uniform by area."""
+"""Points on what is seen of the true surface, uniform by area."""
 BINS = 100
 """Of the standard deviation."""
 _CONSTANT = 1e-9  # spread of the standard deviations, relative to their mean, that is none
@@ -102,9 +101,7 @@ def surface_errors(
     Raises:
         EvaluationError: the ground truth is no mesh, or its pose no pose.
     """
-    placed = PlacedMesh.of_truth(truth)
-    surface = trimesh.Trimesh(placed.p_world, placed.faces, process=False)
-    p_world = np.asarray(trimesh.sample.sample_surface(surface, points, seed=seed)[0])
+    p_world = seen_points_on(PlacedMesh.of_truth(truth), points, seed)
     of_surface = covariance.times(prior.surface_misfit)
     sdf, sigma, metres = metric_sdf(prior.decoder, state, of_surface, p_world)
     return SurfaceErrors(sdf.abs().numpy(), sigma.numpy(), metres.numpy())
