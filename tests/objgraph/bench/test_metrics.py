@@ -142,6 +142,7 @@ def test_chamfer_of_two_balls_is_the_difference_of_their_radii():
 def test_what_nobody_can_see_of_the_truth_is_not_missed():
     inside = trimesh.creation.box((0.3, 0.3, 0.3))
     filled = trimesh.util.concatenate([BOX, inside])
+    assert isinstance(filled, trimesh.Trimesh)
     chamfer, recall = surface_errors(placed(), placed(filled))
     alone, _ = surface_errors(placed(), placed())
     assert recall > 0.99
