@@ -75,8 +75,7 @@ def fit(
         seed: of the folds.
 
     Raises:
-        CovarianceError: no category has `LEAST` objects, of which `LEAST_RIGHT` have the right heading and neither all nor none
-            the right pose or shape.
+        CovarianceError: no category has `LEAST` objects, of which `LEAST_RIGHT` have the right heading.
     """
     of_category: dict[str, list[Judged]] = {}
     for each in objects:
@@ -86,7 +85,7 @@ def fit(
     if not enough:
         raise CovarianceError(
             f"no category has enough objects ({', '.join(f'{n} {name}' for name, n in few.items()) or 'none'}): at least {LEAST} are "
-            f"due, {LEAST_RIGHT} with the right heading, and neither all nor none with the right pose or shape"
+            f"due, {LEAST_RIGHT} with the right heading"
         )
     categories = {name: _category(some, priors[name]) for name, some in enough.items()}
     kept = [each for some in enough.values() for each in some]
@@ -144,13 +143,7 @@ def _judgements(objects: Sequence[Judged], seed: int) -> list[_Judgement]:
 
 
 def _is_enough(objects: Sequence[Judged]) -> bool:
-    rights = [[each.pose_right for each in objects], [each.shape_right for each in objects]]
-    heading = sum(_has_right_heading(each) for each in objects)
-    return (
-        len(objects) >= LEAST
-        and heading >= LEAST_RIGHT
-        and all(0 < sum(right) < len(right) for right in rights)
-    )
+    return len(objects) >= LEAST and sum(_has_right_heading(each) for each in objects) >= LEAST_RIGHT
 
 
 def _has_right_heading(each: Judged) -> bool:
@@ -242,8 +235,10 @@ def _least_squares(X: Float[np.ndarray, "n f"], y: Float[np.ndarray, "n"]) -> Fl
 
 
 def _regression(X: Float[np.ndarray, "n f"], right: Float[np.ndarray, "n"]) -> Float[np.ndarray, "f"]:
-    """Coefficients of the log-odds."""
-    ridge = _ridge(X)
+    """Coefficients of the log-odds. Two more objects, with the usual evidence, are one right and one wrong (Laplace's rule of
+    succession): where all are right the next one need not be."""
+    usual = np.eye(1, X.shape[1]).repeat(2, axis=0)
+    X, right, ridge = np.concatenate([X, usual]), np.append(right, [1.0, 0.0]), _ridge(X)
 
     def loss(w: np.ndarray) -> tuple[float, np.ndarray]:
         odds = X @ w
