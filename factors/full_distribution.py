@@ -2,7 +2,7 @@
 
 import math
 from dataclasses import dataclass
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import torch
 from jaxtyping import Float
@@ -20,21 +20,20 @@ class FullDistribution:
     F = 1 - T with T the expected transmittance, so the score is a sum of squares over a ray's cells, and the
     rows are natural Gauss-Newton rows. A free ray says T = 1 as far as it is known to be free.
 
+    T is the smallest 1 - o so far: a ray's SDF errors are those of one pose and one code, and rise and fall together. (The paper
+    multiplies, as if they were independent: what is behind the first surface then depends on how densely it is sampled.)
+
     With `reach` the integral is weighted over depth (a threshold-weighted score, Gneiting & Ranjan 2011, proper
     for any weight that does not depend on the estimate): at an outline the score would otherwise be the length of
     the way behind the object, which is arbitrary and differs between the outline's two sides.
     """
 
-    correlation: Literal["comonotone", "independent"] = "comonotone"
-    """How occupancies along a ray depend on each other: "independent" multiplies (the paper's assumption; what
-    is behind the first surface then depends on how densely it is sampled), "comonotone" takes the smallest
-    1 - o so far (a ray's SDF errors are those of one pose and one code; independent of the sampling)."""
     reach: float | None = 3.0
     """Spreads about the surface's depth (for a free ray: of the outline next to it) that weigh fully; the rest of
     the ray on either side weighs as much as one more. None: every metre weighs the same."""
 
     def __post_init__(self) -> None:
-        """Raises FactorError where there is no such correlation, or the reach is not positive."""
+        """Raises FactorError where the reach is not positive."""
         checks.settings(self, reach=checks.POSITIVE)
 
     def freeze(self, samples: RaySamples) -> Float[Tensor, "r"]:
@@ -46,15 +45,9 @@ class FullDistribution:
         """Expected transmittance behind every sample, and its derivative w.r.t. every sample's SDF."""
         clear = 1 - probit_occupancy(sdf, tau)
         slope = torch.exp(-0.5 * (sdf / tau) ** 2) / (math.sqrt(2 * math.pi) * tau)
-        k = sdf.shape[1]
-        if self.correlation == "comonotone":
-            passed, first = torch.cummin(clear, dim=1)
-            d_passed = torch.nn.functional.one_hot(first, k).to(sdf) * slope.gather(1, first)[..., None]
-            return passed, d_passed
-        passed = torch.cumprod(clear, dim=1)
-        hazard = slope / clear.clamp_min(1e-300)
-        lower = torch.tril(torch.ones(k, k, dtype=sdf.dtype))
-        return passed, passed[:, :, None] * hazard[:, None, :] * lower
+        passed, first = torch.cummin(clear, dim=1)
+        d_passed = torch.nn.functional.one_hot(first, sdf.shape[1]).to(sdf)
+        return passed, d_passed * slope.gather(1, first)[..., None]
 
     def render(self, samples: RaySamples, spread: Float[Tensor, "r"]) -> RenderedRows:
         passed, d_passed = self.transmittance(samples.sdf, _tau(samples))
@@ -71,7 +64,7 @@ class FullDistribution:
     def loss(self, samples: RaySamples, spread: Float[Tensor, "r"]) -> Float[Tensor, "r"]:
         """See `Renderer`."""
         clear = 1 - probit_occupancy(samples.sdf, _tau(samples))
-        passed = clear.cummin(dim=1)[0] if self.correlation == "comonotone" else clear.cumprod(dim=1)
+        passed = clear.cummin(dim=1)[0]
         weights = self._weights(samples, spread)
         return weights.before + 0.5 * _residual(passed, weights, samples).square().sum(dim=1)
 

@@ -111,7 +111,7 @@ def test_arrays_of_any_layout_and_tensors_are_taken():
         (lambda: checks.shares("a share", 1.5, 3), "every entry of a share must be at least 0 and at most 1"),
         (lambda: checks.shares("a share", [0.5, 0.5], 3), "one number or 3 are due"),
         (lambda: RaySampling(cells=2**31), "RaySampling.cells must be at least 2 and at most 500"),
-        (lambda: FullDistribution(other("none")), "FullDistribution.correlation must be one of"),
+        (lambda: FullDistribution(other("none")), "FullDistribution.reach must be a number"),
         (lambda: ObjectKeys(1, 1, 2), "three different ones"),
         (lambda: ObjectKeys(1, 2, -3), "ObjectKeys.code must be a key"),
         (lambda: ObjectState(gtsam.Pose3(), np.zeros(2), np.zeros(4)), "ObjectState.log_scale has shape"),

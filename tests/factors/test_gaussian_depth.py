@@ -19,9 +19,7 @@ PROBABILISTIC = [Probabilistic(moments) for moments in ("quadrature", "sobol")]
 GAUSSIAN = [*PROBABILISTIC, Sampled(), Deterministic()]
 FULL = [
     FullDistribution(),
-    FullDistribution("independent"),
     FullDistribution(reach=None),
-    FullDistribution("independent", reach=None),
 ]
 SLOPE = 60.0
 RAYS, SAMPLES = 6, 8

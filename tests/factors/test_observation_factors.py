@@ -40,7 +40,6 @@ def make_factor(kind: str, camera, rng: np.random.Generator, decoder=None):
         )  # fmt: skip
     renderers = {
         "depth-full": FullDistribution(),
-        "depth-independent": FullDistribution("independent"),
         "depth-paper": Probabilistic(),
     }
     return DepthFactor(
@@ -51,7 +50,7 @@ def make_factor(kind: str, camera, rng: np.random.Generator, decoder=None):
 
 CAMERAS = ["fixed", "variable", "on a body"]
 BODY_T_CAMERA = gtsam.Pose3(gtsam.Rot3.RzRyRx(-1.6, 0.1, -1.5), np.array([0.3, -0.1, 0.8]))
-KINDS = ["surface", "surface-propagated", "surface-bounded", "depth-full", "depth-independent", "depth-paper"]
+KINDS = ["surface", "surface-propagated", "surface-bounded", "depth-full", "depth-paper"]
 
 
 def problem(kind: str, camera: str, seed: int, angle: float | None = None) -> tuple[Any, gtsam.Values]:
@@ -98,7 +97,7 @@ def test_error_is_the_loss_and_gradient_is_its(kind, camera, angle):
     assert np.abs(gradient - numeric).max() < 1e-5 * np.abs(numeric).max()
 
 
-@pytest.mark.parametrize("kind", ["depth-full", "depth-independent", "depth-paper"])
+@pytest.mark.parametrize("kind", ["depth-full", "depth-paper"])
 @pytest.mark.parametrize("camera", CAMERAS)
 def test_rendered_quantity_jacobian(kind, camera):
     """Expected transmittance and rendered depth, through retract, with the majoriser's weights held."""

@@ -6,6 +6,7 @@ from scipy.stats import norm
 
 from factors.full_distribution import FullDistribution
 from factors.gaussian_depth import Deterministic, Probabilistic, Sampled
+from factors.occupancy import probit_occupancy, termination
 from factors.rays import RayCells
 from factors.rendering import RaySamples, RayTargets
 from factors.score import energy_score
@@ -13,7 +14,6 @@ from factors.score import energy_score
 RENDERERS = [
     FullDistribution(),
     FullDistribution(reach=None),
-    FullDistribution(correlation="independent"),
     Probabilistic(),
     Sampled(),
     Deterministic(),
@@ -53,16 +53,13 @@ def test_rows_have_the_gradient_of_the_loss(renderer):
     assert (0.5 * rendered.residual.square().sum(dim=1) <= rendered.loss + 1e-12).all()
 
 
-@pytest.mark.parametrize("correlation", ["comonotone", "independent"])
 @pytest.mark.parametrize("reach", [None, 2.0])
-def test_full_distribution_is_the_numerical_weighted_crps(correlation, reach):
-    renderer = FullDistribution(correlation, reach)
+def test_full_distribution_is_the_numerical_weighted_crps(reach):
+    renderer = FullDistribution(reach)
     k = 4000
     sdf, _, _, targets = _scene(rays=5, k=6)
     # the same SDF, finely and linearly interpolated: the sum over cells becomes the integral
     fine = torch.nn.functional.interpolate(sdf[:, None], size=k, mode="linear", align_corners=True)[:, 0]
-    if correlation == "independent":
-        fine = fine + 0.5  # a product over 4,000 samples would otherwise end every ray at once
     edges = torch.linspace(1, 2, k + 1).double().expand(5, -1)
     cells = RayCells(0.5 * (edges[:, 1:] + edges[:, :-1]), edges.diff(dim=1), edges[:, -1])
     sigma = torch.full_like(fine, 0.05)
@@ -70,7 +67,7 @@ def test_full_distribution_is_the_numerical_weighted_crps(correlation, reach):
     loss = renderer.render(RaySamples(fine, sigma, cells, targets, 200.0), spread).loss
     tau = np.sqrt(0.05**2 + 0.01**2 + (1.702 / 200) ** 2)
     clear = norm.cdf(fine.numpy() / tau)
-    passed = np.minimum.accumulate(clear, 1) if correlation == "comonotone" else np.cumprod(clear, 1)
+    passed = np.minimum.accumulate(clear, 1)
     # beyond the box, up to 1.1 times its far side, the transmittance stays what it is
     depth = np.concatenate([cells.depth[0].numpy(), np.linspace(2, 2.2, k)])
     passed = np.concatenate([passed, np.repeat(passed[:, -1:], k, axis=1)], axis=1)
@@ -103,14 +100,17 @@ def test_the_distribution_of_a_plane_is_gaussian_and_so_is_its_score(reach):
 
 
 def test_comonotone_does_not_depend_on_the_sampling_and_independent_does():
-    def behind(correlation, k):
+    def behind(k: int) -> tuple[float, float]:
+        """A sheet, 1 cm thick: by the smallest share that passes, and by the paper's product."""
         depth = torch.linspace(-0.1, 0.1, k, dtype=torch.float64)[None]
-        tau = torch.full_like(depth, 0.02)
-        # a sheet, 1 cm thick
-        return float(FullDistribution(correlation).transmittance(depth.abs() - 0.005, tau)[0][0, -1])
+        sdf, tau = depth.abs() - 0.005, torch.full_like(depth, 0.02)
+        passed, _ = FullDistribution().transmittance(sdf, tau)
+        _, escaped = termination(probit_occupancy(sdf, tau))
+        return float(passed[0, -1]), float(escaped)
 
-    assert behind("comonotone", 41) == pytest.approx(behind("comonotone", 401), abs=1e-6)
-    assert behind("independent", 401) < 0.5 * behind("independent", 41)
+    (smallest, product), (smallest_fine, product_fine) = behind(41), behind(401)
+    assert smallest == pytest.approx(smallest_fine, abs=1e-6)
+    assert product_fine < 0.5 * product
 
 
 @pytest.mark.parametrize("renderer", RENDERERS)
