@@ -7,7 +7,7 @@ import numpy as np
 from objgraph.covariance.sides import SideMisfit
 from objgraph.trust.calibration import LEVELS, QUANTITIES, Calibration, CategoryCalibration, Line, Widening
 from objgraph.trust.evidence import NAMES, Evidence
-from objgraph.trust.fit import Judged
+from objgraph.trust.fitted import Judged
 
 EVIDENCE = Evidence(seen=0.5, heading=0.9, guess=0.9, moved=0.05, off=0.1, through=0.01, size=0.5)
 SIDES = SideMisfit(3.0, 0.012, 0.15)

@@ -9,7 +9,9 @@ from scipy.stats import chi2
 from objgraph.covariance.box_modes import factor_needed
 from objgraph.errors import CovarianceError
 from objgraph.trust.calibration import LEVELS
-from objgraph.trust.fit import Judged, fit, held_out
+from objgraph.trust.fit import fit
+from objgraph.trust.fitted import Judged
+from objgraph.trust.held_out import held_out
 from tests.objgraph.trust.calibrations import SIDES, objects
 
 PRIORS = {"chair": "a", "table": "b"}
@@ -64,21 +66,21 @@ def test_objects_that_are_seen_less_are_widened_more(fitted):
 
 def test_held_out_figures_are_of_folds_that_share_no_shape(monkeypatch):
     """A shape's two objects are judged by a fit that saw neither."""
-    from objgraph.trust import fit as module
+    from objgraph.trust import fitted as module
 
     made, seen = objects(160), []
     true = module._fitted
 
-    def watched(table, chosen):
+    def watched(table, chosen, *rest):
         seen.append(chosen)
-        return true(table, chosen)
+        return true(table, chosen, *rest)
 
     monkeypatch.setattr(module, "_fitted", watched)
     entries = held_out(made, seed=3)
     assert [entry["of"] for entry in entries] == ["all", "chair", "table", "made up"]
     assert [entry["objects"] for entry in entries] == [160, 80, 80, 160]
     assert len(seen) == 20
-    for category, folds in (("chair", seen[:10]), ("table", seen[10:])):
+    for category, folds in (("chair", seen[::2]), ("table", seen[1::2])):
         shapes = np.array([each.shape for each in made if each.category == category])
         assert all(set(shapes[chosen]).isdisjoint(shapes[~chosen]) for chosen in folds)
         np.testing.assert_array_equal(np.sum([~chosen for chosen in folds], axis=0), 1)
@@ -108,6 +110,30 @@ def of_chairs(**changes) -> list[Judged]:
 def test_what_cannot_be_calibrated_says_what_is_due(made):
     with pytest.raises(CovarianceError, match=r"no category has enough objects .*at least 40 are due"):
         fit(made, PRIORS, {})
+
+
+def test_of_one_shape_nothing_is_held_out():
+    made = [replace(each, shape="the only one") for each in of_chairs()]
+    found = fit(made, PRIORS, {})
+    assert found.categories["chair"].objects == 60
+    assert found.made["held_out"] == []
+
+
+def test_a_category_of_few_objects_leans_on_the_others():
+    """What evidence is worth to its verdicts is nearer to what it is worth to the others' than alone."""
+    made = objects(1200)
+    many, few = [each for each in made if each.category == "chair"], made[1:90:2]
+    alone, common = fit(few, PRIORS, {}), fit([*many, *few], PRIORS, {})
+
+    def apart(found) -> float:
+        mine, others = found.categories["table"].pose.weights, common.categories["chair"].pose.weights
+        return float(np.linalg.norm([mine[name] - others[name] for name in others]))
+
+    assert apart(common) < 0.7 * apart(alone)
+    # of many objects their own weights are what they would be alone
+    chairs = fit(many, PRIORS, {}).categories["chair"].pose.weights
+    both = common.categories["chair"].pose.weights
+    assert both == pytest.approx(chairs, abs=0.1)
 
 
 @pytest.mark.parametrize("right", [True, False])

@@ -10,7 +10,7 @@ from objgraph.bench.comparison.objects.rows import ObjectRow
 from objgraph.covariance.box_modes import EVERY_AXIS, HEADING_AXIS, factor_needed
 from objgraph.covariance.quantile import squared_limit
 from objgraph.trust.calibration import LEVELS, Calibration, CategoryCalibration
-from objgraph.trust.fit import Judged
+from objgraph.trust.fitted import Judged
 
 MEASURED = (
     "with a calibration, of objects that it knows: coverage*_sides: share of boxes in the set of all modes with the sides' errors; "

@@ -12,7 +12,7 @@ from objgraph.covariance.quantile import squared_limit
 from objgraph.errors import EvaluationError
 from objgraph.trust.calibration import LEVELS
 from objgraph.trust.evidence import Evidence
-from objgraph.trust.fit import Judged
+from objgraph.trust.fitted import Judged
 
 METHOD = "graph"
 SHAPE_M = 0.03
