@@ -26,7 +26,8 @@ _NEAR_THE_TAIL = 1
 """Which of the levels the evidence has to explain."""
 _NARROWEST_AND_WIDEST = (1e-3, 1e9)
 """Factors beyond which it does not matter: the heading of what is round has no error at all."""
-_TINY = 1e-9
+_CONSTANT = 1e-9
+"""Spread of evidence that has none."""
 
 
 @dataclass(frozen=True)
@@ -60,7 +61,9 @@ class Table:
 
     def __init__(self, objects: Sequence[Judged]) -> None:
         given = np.array([[each.evidence.to_json()[name] for name in NAMES] for each in objects])
-        self.mean, self.spread = given.mean(axis=0), np.maximum(given.std(axis=0), _TINY)
+        self.mean, spread = given.mean(axis=0), given.std(axis=0)
+        # what is the same for all, as a guess where there is none, tells nothing of how far another may be off it
+        self.spread = np.where(spread > _CONSTANT, spread, 1.0)
         self.X = np.concatenate([np.ones((len(objects), 1)), (given - self.mean) / self.spread], axis=1)
         self.pose = np.array([each.pose_right for each in objects], float)
         self.shape = np.array([each.shape_right for each in objects], float)

@@ -136,6 +136,19 @@ def test_a_category_of_few_objects_leans_on_the_others():
     assert both == pytest.approx(chairs, abs=0.1)
 
 
+def test_evidence_that_is_the_same_for_all_moves_no_verdict_by_much():
+    """A category without a first guess beside one with: the others' weight must not be for a billionth."""
+    made = objects(600)
+    without = [
+        replace(each, evidence=replace(each.evidence, guess=1.0)) if each.category == "table" else each
+        for each in made
+    ]
+    table = fit(without, PRIORS, {}).categories["table"]
+    usual = without[1].evidence
+    said = [table.trust(replace(usual, guess=guess), "").pose for guess in (1.0, 0.9)]
+    assert said[0] == pytest.approx(said[1], abs=0.1)
+
+
 @pytest.mark.parametrize("right", [True, False])
 def test_where_all_are_right_or_wrong_the_next_one_need_not_be(right: bool):
     """Of 60 alike the next one is wrong once in 62 (Laplace)."""
