@@ -121,6 +121,8 @@ class _Common:
 
 @dataclass(frozen=True)
 class Fitted:
+    """To the chosen objects of a category: what a calibration of it consists of, and what all of its objects need by it."""
+
     sides: SideMisfit
     matrices: Float[np.ndarray, "n 9 9"]
     """Of all objects, with these sides' errors."""
@@ -156,7 +158,7 @@ def _fitted(table: Table, chosen: np.ndarray, widths: _Widths, common: _Common) 
     X, usual, factors = table.X[chosen], {}, {}
     for name in QUANTITIES:
         log_needed = widths.log_needed(name, chosen)
-        usual[name] = least_squares(X, log_needed[:, _NEAR_THE_TAIL], toward=common.usual[name])
+        usual[name] = least_squares(X, widths.usual(name, chosen), toward=common.usual[name])
         rest = log_needed - (X @ usual[name])[:, None]
         factors[name] = np.exp([conformal(rest[:, i], float(level) / 100) for i, level in enumerate(LEVELS)])
     pose = log_odds(X, table.pose[chosen], toward=common.pose)
