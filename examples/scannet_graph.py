@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import gtsam
-import numpy as np
 import tyro
 from rich.console import Console
 from rich.progress import track
@@ -53,8 +52,7 @@ def main(arguments: Arguments) -> None:
         keys = objgraph.ObjectKeys.numbered(instance.id)
         state.insert(values, keys)
         graph.push_back(prior.code_factor(keys))
-        anisotropy = prior.anisotropy_sigma or 0.1
-        graph.push_back(factors.scale_prior(keys, np.log(prior.size_mean), prior.size_log_sigma, anisotropy))
+        graph.push_back(prior.scale_factor(keys))
         graph.push_back(factors.upright_prior(keys, scan.up_world, sigma=0.03))
 
         # Two factors a view: its points lie on the surface, its rays end there or pass by.

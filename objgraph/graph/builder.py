@@ -19,7 +19,7 @@ from factors.floor import SPACING, SPACINGS, FloorFactor
 from factors.full_distribution import FullDistribution
 from factors.gaussian_depth import Deterministic, Probabilistic, Sampled
 from factors.keys import readable_key
-from factors.priors import placed_prior, scale_prior, sized_prior, upright_prior
+from factors.priors import placed_prior, sized_prior, upright_prior
 from factors.rendering import Renderer
 from factors.state import ObjectKeys, ObjectState
 from factors.surface import SurfaceFactor
@@ -127,11 +127,7 @@ class ObjectBuilder:
         self, prior: ShapePrior, keys: ObjectKeys, box: DetectedBox | None = None
     ) -> list[gtsam.NonlinearFactor]:
         """What is known of code and scale, of the lean where up is known, and what a detector's box says."""
-        anisotropy = prior.anisotropy_sigma or self.config.anisotropy_sigma
-        factors = [
-            prior.code_factor(keys),
-            scale_prior(keys, np.log(prior.size_mean), prior.size_log_sigma, anisotropy),
-        ]
+        factors = [prior.code_factor(keys), prior.scale_factor(keys, self.config.anisotropy_sigma)]
         if self.up_world is not None:
             factors.append(self.upright(keys))
         if box is not None:

@@ -100,7 +100,7 @@ def build_corpus(
     with _pool(jobs) as pool:
         make = _Maker(corpus, samples, cache, pool, progress)
         if meshes:
-            parts.append(make.collected(_listed(meshes, category)))
+            parts.append(make.collected(listed(meshes, category)))
             if category in SWAPPED:
                 parts.append(make.swapped(category, parts[0].used))
         if category in FAMILIES:
@@ -114,7 +114,27 @@ def build_corpus(
     )
 
 
-def _listed(folders: Sequence[Path], category: str) -> list[CadMesh]:
+def sample_meshes(
+    entries: Sequence[CadMesh],
+    samples: SampleConfig,
+    cache: Path,
+    jobs: int = 1,
+    progress: Progress | None = None,
+) -> list[tuple[CadMesh, SdfSamples]]:
+    """Each collected mesh with its samples, or what the cache has of it; what cannot be closed is left out.
+
+    Raises:
+        PriorError: the extra `train` is not installed, or a file cannot be written.
+    """
+    require_libraries()
+    corpus = CorpusConfig(copies=0)
+    with _pool(jobs) as pool:
+        make = _Maker(corpus, samples, cache, pool, progress)
+        found = make.each("meshes", entries, [partial(_collected, entry, corpus, False) for entry in entries])
+        return [(entry, shapes[0]) for entry, shapes in found if not isinstance(shapes, str)]
+
+
+def listed(folders: Sequence[Path], category: str) -> list[CadMesh]:
     """What all folders list of a category; one that lists none of it is passed over, if another does."""
     entries, missing = [], []
     for folder in folders:
@@ -168,11 +188,10 @@ class _Maker:
         kept: dict[bool, list[CadMesh]] = {True: [], False: []}
         skipped: dict[str, str] = {}
         works = [partial(_collected, entry, self.corpus, entry.group in held) for entry in entries]
-        for entry, found in zip(entries, self._made("meshes", works), strict=True):
+        for entry, found in self.each("meshes", entries, works):
             unseen = entry.group in held
             if isinstance(found, str):
                 skipped[entry.file] = found
-                log.warning("%s is left out: %s", entry.file, found)
                 continue
             shapes[unseen] += found
             kept[unseen].append(entry)
@@ -207,6 +226,15 @@ class _Maker:
                 raise PriorError(found)
             shapes[held] += found
         return Corpus(tuple(shapes[False]), tuple(shapes[True]), used=(), unseen=(), skipped={})
+
+    def each(
+        self, words: str, entries: Sequence[CadMesh], works: Sequence["_Work"]
+    ) -> Iterator[tuple[CadMesh, "list[SdfSamples] | str"]]:
+        """Each mesh with what comes of it; of one that cannot be closed it is said, and why."""
+        for entry, found in zip(entries, self._made(words, works), strict=True):
+            if isinstance(found, str):
+                log.warning("%s is left out: %s", entry.file, found)
+            yield entry, found
 
     def _made(self, words: str, works: Sequence["_Work"]) -> Iterator["list[SdfSamples] | str"]:
         """What comes of each work, in their order; of one that fails, why."""

@@ -12,29 +12,29 @@ from objgraph.errors import ConfigError, PriorError
 from objgraph.priors.registry import load_prior
 from objgraph.priors.shape_prior import ShapePrior
 from objgraph.priors.store import digest, save_prior
+from objgraph.training.corpus import listed
 from objgraph.training.guess_data import Shape, draw_all
 from objgraph.training.guess_scenes import VIEWS, SceneConfig
+from objgraph.training.guess_shapes import known_shapes, random_shapes
 from objgraph.training.mesh_files import canonical, read_mesh
 from objgraph.training.mesh_folder import choose_meshes
 from objgraph.training.progress import Report, bars
 from objgraph.training.train_guess import GuessQuality, TrainGuessConfig, measure_guess, train_guess
 
-_WITHIN = 2.0
-"""Standard deviations, along each axis, within which random codes are drawn."""
-
 
 @dataclass(frozen=True)
 class GuessCommand:
-    """Give a prior a first guess, trained on shapes of random codes: for one whose training shapes are not at hand."""
+    """Give a prior a first guess, trained on the meshes that it has seen and on shapes of random codes."""
 
     prior: str
     """A shipped category, or a .safetensors file."""
     out: Path
     """The prior to write, with the guess."""
     meshes: tuple[Path, ...] = ()
-    """Folders of meshes to measure it on: of those with an `index.json` what the prior has not seen."""
+    """Folders of meshes: it learns from those that the prior was trained on, and is measured on those that the prior's card names as
+    held out; on all of a folder of which it names none."""
     shapes: int = 3500
-    """Random codes, of which the scenes are drawn evenly."""
+    """Random codes. Half of the scenes are of them, half of the meshes that the prior has seen, if there are any."""
     spread: float = 1.0
     """Factor on the standard deviations that the prior gives its codes: a third for those whose covariance is nine times that of
     the training codes, whose random codes would be no shapes."""
@@ -60,26 +60,20 @@ def guess_command(command: GuessCommand) -> Path:
         EvaluationError: there are no meshes to measure it on in the folders given.
     """
     prior = load_prior(command.prior)
-    unseen = []
+    unseen, seen = [], []
     if command.meshes:
         chosen = choose_meshes(command.meshes, prior.category, prior)
         unseen = list(zip(chosen.paths, chosen.names, strict=True))
-    shapes = random_shapes(prior, command.shapes, command.guess.seed, command.spread)
+        seen = [mesh for mesh in listed(command.meshes, prior.category) if mesh.path not in chosen.paths]
+    work = command.work / prior.category
     with bars() as report:
-        work = command.work / prior.category
+        known = known_shapes(prior, seen, work, command.jobs, report)
+        drawn = random_shapes(prior, command.shapes, command.guess.seed, command.spread, known)
+        often = -(-len(drawn) // len(known)) if known else 0
+        shapes = [*known * often, *drawn]
         prior = with_first_guess(prior, shapes, unseen, command.guess, work, command.jobs, report)
     save_prior(prior, command.out)
     return command.out
-
-
-def random_shapes(prior: ShapePrior, count: int, seed: int, spread: float = 1.0) -> list[Shape]:
-    """Random codes, whose deviations are `spread` times the prior's, each with the proportions of a random object."""
-    rng = np.random.default_rng(seed)
-    codes = prior.code_mean + spread * (prior.draw_codes(count, rng, _WITHIN) - prior.code_mean)
-    box = np.full(3, 1 / np.sqrt(3)) if prior.box is None else prior.box
-    edges = box * np.exp(rng.normal(0, prior.anisotropy_sigma or 0.0, (count, 3)))
-    extents = edges / np.linalg.norm(edges, axis=1, keepdims=True)
-    return [Shape(f"random {i}", extents[i], code=codes[i]) for i in range(count)]
 
 
 def with_first_guess(
@@ -104,7 +98,8 @@ def with_first_guess(
     some = np.sort(np.random.default_rng(config.seed).permutation(len(shapes))[: config.scenes])
     drawn = [shapes[i] for i in some]
     codes = np.array([shape.code for shape in drawn])
-    settings = digest(dict(prior.decoder.state_dict())), codes.tobytes(), config.scenes, config.seed
+    made = [(shape.extents.tobytes(), shape.mesh is None) for shape in drawn]
+    settings = digest(dict(prior.decoder.state_dict())), codes.tobytes(), made, config.scenes, config.seed
     cache = work / _key(*settings, SceneConfig())
     draws = draw_all(
         drawn, prior, max(1, config.scenes // len(shapes)), SceneConfig(), config.seed,

@@ -1,0 +1,88 @@
+"""The shapes that a first guess learns from, where a prior's own training is not at hand."""
+
+import hashlib
+from collections.abc import Sequence
+from contextlib import suppress
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+from safetensors import SafetensorError
+from safetensors.numpy import load_file, save
+
+from objgraph.atomic import write_file
+from objgraph.errors import PriorError
+from objgraph.priors.shape_prior import ShapePrior
+from objgraph.priors.store import digest
+from objgraph.training.code_search import sample_rows, search
+from objgraph.training.corpus import sample_meshes
+from objgraph.training.guess_data import Shape
+from objgraph.training.index import CadMesh
+from objgraph.training.mesh_files import canonical, read_mesh
+from objgraph.training.progress import Report
+from objgraph.training.samples import SampleConfig, SdfSamples
+from objgraph.training.stretch import to_decoder
+from objgraph.work import process_pool
+
+_WITHIN = 2.0
+"""Standard deviations, along each axis, within which random codes are drawn."""
+_FIT_POINTS = 2000
+
+
+def known_shapes(
+    prior: ShapePrior, meshes: Sequence[CadMesh], work: Path, jobs: int = 1, progress: Report | None = None
+) -> list[Shape]:
+    """Meshes that a prior was trained on, each with its best code, which is kept in the folder `work`.
+
+    Raises:
+        PriorError: a mesh cannot be read, or what is kept cannot be written.
+    """
+    if not meshes:
+        return []
+    pairs = sample_meshes(meshes, SampleConfig(), work / "samples", jobs, progress)
+    decoder = digest(dict(prior.decoder.state_dict()))
+    fit = partial(_best_code, prior=prior, cache=work / f"codes-{decoder[:12]}")
+    shapes: list[Shape] = []
+    with process_pool(jobs, PriorError) as pool:
+        codes = pool.map(fit, [samples for _, samples in pairs])
+        for (entry, samples), code in zip(pairs, codes, strict=True):
+            mesh = canonical(read_mesh(entry.path), entry.file)
+            shapes.append(Shape(entry.file, samples.extents, code, mesh))
+            if progress is not None:
+                progress("looking for their codes", len(shapes), len(pairs))
+    return shapes
+
+
+def random_shapes(
+    prior: ShapePrior, count: int, seed: int, spread: float = 1.0, known: Sequence[Shape] = ()
+) -> list[Shape]:
+    """Random codes, whose deviations are `spread` times the prior's; each with the proportions of the known shape whose code is
+    nearest, or without any with those of a random object."""
+    rng = np.random.default_rng(seed)
+    codes = prior.code_mean + spread * (prior.draw_codes(count, rng, _WITHIN) - prior.code_mean)
+    if known:
+        extents = _of_nearest(codes, known)
+    else:
+        box = np.full(3, 1 / np.sqrt(3)) if prior.box is None else prior.box
+        stretch = np.zeros((3, 3)) if prior.stretch_covariance is None else prior.stretch_covariance
+        edges = box * np.exp(rng.multivariate_normal(np.zeros(3), stretch, count))
+        extents = edges / np.linalg.norm(edges, axis=1, keepdims=True)
+    return [Shape(f"random {i}", extents[i], code=codes[i]) for i in range(count)]
+
+
+def _of_nearest(codes: Float[np.ndarray, "n l"], known: Sequence[Shape]) -> Float[np.ndarray, "n 3"]:
+    theirs = np.array([shape.code for shape in known])
+    nearest = [int(np.square(theirs - code).sum(axis=1).argmin()) for code in codes]
+    return np.array([known[i].extents for i in nearest])
+
+
+def _best_code(samples: SdfSamples, prior: ShapePrior, cache: Path) -> Float[np.ndarray, "l"]:
+    key = hashlib.sha256(np.ascontiguousarray(samples.points).tobytes()).hexdigest()[:24]
+    path = cache / f"{key}.safetensors"
+    with suppress(SafetensorError, FileNotFoundError):
+        return load_file(path)["code"]
+    rows = sample_rows(samples, to_decoder(prior, samples.extents))
+    code = search(prior, rows.thinned(_FIT_POINTS, np.random.default_rng(0))).codes[0]
+    write_file(path, save({"code": code}), PriorError)
+    return code
