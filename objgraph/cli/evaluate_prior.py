@@ -12,11 +12,11 @@ from rich.console import Console
 from objgraph.cli.progress import progress
 from objgraph.errors import EvaluationError
 from objgraph.priors.registry import load_prior
-from objgraph.training.evaluate import PriorEvaluationConfig, ShapeRow, evaluate_meshes
-from objgraph.training.guess import guess_quality
-from objgraph.training.mesh_folder import Choice, choose_meshes, write_json
-from objgraph.training.random_codes import check_random_codes
-from objgraph.training.report import document, table
+from objgraph.training.guess.command import guess_quality
+from objgraph.training.meshes.folder import Choice, choose_meshes, write_json
+from objgraph.training.quality.evaluate import PriorEvaluationConfig, ShapeRow, evaluate_meshes
+from objgraph.training.quality.random_codes import check_random_codes
+from objgraph.training.quality.report import document, table
 
 
 @dataclass(frozen=True)

@@ -89,8 +89,8 @@ def _train(arguments: list[str], console: "Console") -> None:
 
     $ objgraph train --category sofa --meshes MESHES --out out/sofa --bf16 0.9
     """
+    from objgraph.training.decoder.train import TrainConfig
     from objgraph.training.export import train_command
-    from objgraph.training.train import TrainConfig
 
     console.print(f"written to {train_command(_parsed(TrainConfig, 'train', arguments))}")
 
@@ -100,7 +100,7 @@ def _train_guess(arguments: list[str], console: "Console") -> None:
 
     $ objgraph train-guess --prior sofa.safetensors --out sofa-with-guess.safetensors
     """
-    from objgraph.training.guess import GuessCommand, guess_command
+    from objgraph.training.guess.command import GuessCommand, guess_command
 
     console.print(f"written to {guess_command(_parsed(GuessCommand, 'train-guess', arguments))}")
 

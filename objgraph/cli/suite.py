@@ -16,7 +16,7 @@ from objgraph.checked import check_fields, parse_json
 from objgraph.cli.evaluate_command import FIGURES, EvaluateCommand
 from objgraph.cli.suite_parts import Part, Suite, parts
 from objgraph.errors import EvaluationError
-from objgraph.training.mesh_folder import write_json
+from objgraph.training.meshes.folder import write_json
 
 _FIELDS = {
     "command": str,

@@ -3,7 +3,7 @@
 It looks at the points as they would lie in the object's own frame if it stood at each of some headings, evenly spaced. One
 PointNet (Qi et al., CVPR 2017) gives a heading's likelihood, another a Gaussian of what is left of the heading, the centre, the
 scale and the code: in one network the Gaussian's steep gradients drown the heading's. They are trained on rendered views of the
-prior's shapes (`objgraph.training.train_guess`).
+prior's shapes (`objgraph.training.guess.train`).
 """
 
 from dataclasses import dataclass

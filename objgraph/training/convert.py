@@ -13,8 +13,8 @@ from objgraph.errors import PriorError, SolveError
 from objgraph.priors.mesh import extract_mesh
 from objgraph.priors.shape_prior import ShapePrior
 from objgraph.priors.store import save_prior
+from objgraph.training.codes.fit import code_statistics, typical_codes
 from objgraph.training.deepsdf_files import Experiment, load_experiment
-from objgraph.training.fit import code_statistics, typical_codes
 from objgraph.training.size import size_statistics
 
 log = logging.getLogger(__name__)

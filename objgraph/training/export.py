@@ -11,15 +11,15 @@ import numpy as np
 
 from objgraph.priors.shape_prior import ShapePrior
 from objgraph.priors.store import save_prior
-from objgraph.training.corpus import Corpus, build_corpus
-from objgraph.training.fit import FitError, fit_error, typical_codes
-from objgraph.training.guess import with_first_guess
-from objgraph.training.guess_data import Shape
-from objgraph.training.index import CadMesh
+from objgraph.training.codes.fit import FitError, fit_error, typical_codes
+from objgraph.training.decoder.train import TrainConfig, Trained, train
+from objgraph.training.guess.command import with_first_guess
+from objgraph.training.guess.data import Shape
+from objgraph.training.meshes.corpus import Corpus, build_corpus
+from objgraph.training.meshes.index import CadMesh
+from objgraph.training.meshes.samples import SURFACE_POINTS
 from objgraph.training.progress import bars
-from objgraph.training.samples import SURFACE_POINTS
 from objgraph.training.size import size_statistics
-from objgraph.training.train import TrainConfig, Trained, train
 
 log = logging.getLogger(__name__)
 

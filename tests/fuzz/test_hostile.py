@@ -20,8 +20,8 @@ from objgraph.geometry.mesh_data import parse_mesh
 from objgraph.maps.object_map import ObjectMap
 from objgraph.priors.store import load_prior_file
 from objgraph.training.deepsdf_files import load_experiment
-from objgraph.training.index import read_index
-from objgraph.training.mesh_files import read_mesh
+from objgraph.training.meshes.files import read_mesh
+from objgraph.training.meshes.index import read_index
 from tests.fuzz.inputs import attempt
 from tests.fuzz.scans import SCANS, read_lidar, read_scan, write_lidar
 from tests.objgraph.datasets import dataset_folders as folders

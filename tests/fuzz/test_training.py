@@ -10,9 +10,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from objgraph.training.convert import ConvertConfig, convert
-from objgraph.training.index import heldout_groups, read_index
-from objgraph.training.mesh_files import SUFFIXES, canonical, read_mesh
-from objgraph.training.mesh_folder import choose_meshes
+from objgraph.training.meshes.files import SUFFIXES, canonical, read_mesh
+from objgraph.training.meshes.folder import choose_meshes
+from objgraph.training.meshes.index import heldout_groups, read_index
 from tests.fuzz.inputs import attempt, files_in, fuzzed, replaced
 from tests.fuzz.strategies import damaged
 from tests.objgraph.training.test_convert import LENGTH, Reference, write

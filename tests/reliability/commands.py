@@ -19,7 +19,7 @@ import objgraph.cli.report
 import objgraph.cli.segment
 import objgraph.cli.sensor
 import objgraph.training.export
-import objgraph.training.guess  # noqa: F401
+import objgraph.training.guess.command  # noqa: F401
 from objgraph.atomic import UNFINISHED
 from objgraph.cli.main import main
 from objgraph.datasets import scannet

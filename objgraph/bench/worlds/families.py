@@ -9,7 +9,7 @@ from numpy.random import Generator
 from objgraph.bench.worlds import garden_chairs, house_chairs
 from objgraph.bench.worlds.tables import TABLES
 from objgraph.synthetic.furniture import Category, Furniture
-from objgraph.training.mesh_files import canonical
+from objgraph.training.meshes.files import canonical
 
 CHAIRS: dict[str, Callable[[Generator], trimesh.Trimesh]] = {
     "adirondack": garden_chairs.adirondack,

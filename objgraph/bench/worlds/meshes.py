@@ -12,8 +12,8 @@ from numpy.random import Generator
 from objgraph.errors import DatasetError, PriorError
 from objgraph.geometry.raycaster import raycaster
 from objgraph.synthetic.furniture import Furniture
-from objgraph.training.index import HELDOUT_SHARE, heldout_groups, read_index
-from objgraph.training.mesh_files import SUFFIXES, canonical, list_meshes, read_mesh
+from objgraph.training.meshes.files import SUFFIXES, canonical, list_meshes, read_mesh
+from objgraph.training.meshes.index import HELDOUT_SHARE, heldout_groups, read_index
 from objgraph.training.size import USUAL
 
 log = logging.getLogger(__name__)

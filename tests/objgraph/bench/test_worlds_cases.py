@@ -25,7 +25,7 @@ from objgraph.errors import DatasetError, PriorError
 from objgraph.maps.pipeline import scene_floor
 from objgraph.observation.sampling import observe
 from objgraph.synthetic.sensor import SensorConfig
-from objgraph.training.index import HELDOUT_SHARE, heldout_groups, read_index
+from objgraph.training.meshes.index import HELDOUT_SHARE, heldout_groups, read_index
 
 SEED = 1000
 PAIRS = [(0, 1), (0, 2), (1, 2)]

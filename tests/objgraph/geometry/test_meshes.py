@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from objgraph.geometry.meshes import signed_volume
-from objgraph.training.solid import solidify
+from objgraph.training.meshes.solid import solidify
 
 
 @given(st.floats(0.01, 10), st.floats(0.01, 10), st.floats(0.01, 10), st.integers(0, 99))

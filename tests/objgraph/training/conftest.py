@@ -7,11 +7,11 @@ import pytest
 import trimesh
 
 from factors.decoder import DecoderConfig
-from objgraph.training.train import (
+from objgraph.training.decoder.train import (
     OptimiserConfig,
     TrainConfig,
 )
-from objgraph.training.train_guess import TrainGuessConfig
+from objgraph.training.guess.train import TrainGuessConfig
 
 
 @pytest.fixture

@@ -12,9 +12,9 @@ from hypothesis import strategies as st
 from numpy.testing import assert_array_equal
 
 from objgraph.errors import PriorError
-from objgraph.training.corpus import CorpusConfig, build_corpus
-from objgraph.training.index import CadMesh, heldout_groups, read_index
-from objgraph.training.samples import SampleConfig
+from objgraph.training.meshes.corpus import CorpusConfig, build_corpus
+from objgraph.training.meshes.index import CadMesh, heldout_groups, read_index
+from objgraph.training.meshes.samples import SampleConfig
 
 
 def collected(sources: dict[str, list[str]]) -> list[CadMesh]:

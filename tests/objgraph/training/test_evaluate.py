@@ -9,14 +9,14 @@ import trimesh
 
 from objgraph.cli.main import main
 from objgraph.errors import EvaluationError, PriorError
-from objgraph.training.code_search import SearchConfig
-from objgraph.training.evaluate import PriorEvaluationConfig, ShapeRow, evaluate_meshes
-from objgraph.training.mesh_folder import choose_meshes, write_json
-from objgraph.training.partial import PartialConfig
-from objgraph.training.random_codes import BOX_TOLERANCE, check_random_codes
-from objgraph.training.report import document, summary, table
-from objgraph.training.samples import SampleConfig
-from objgraph.training.true_shape import TrueShape, read_solid
+from objgraph.training.codes.partial import PartialConfig
+from objgraph.training.codes.search import SearchConfig
+from objgraph.training.meshes.folder import choose_meshes, write_json
+from objgraph.training.meshes.samples import SampleConfig
+from objgraph.training.quality.evaluate import PriorEvaluationConfig, ShapeRow, evaluate_meshes
+from objgraph.training.quality.random_codes import BOX_TOLERANCE, check_random_codes
+from objgraph.training.quality.report import document, summary, table
+from objgraph.training.quality.true_shape import TrueShape, read_solid
 from tests.shapes import MEAN_HALF, box_prior
 
 QUICK = PriorEvaluationConfig(
@@ -78,7 +78,7 @@ def test_a_partial_fit_that_fails_leaves_the_full_one(folder, monkeypatch):
     def refuse(*_):
         raise PriorError("nothing of it is seen")
 
-    monkeypatch.setattr("objgraph.training.evaluate.take_view", refuse)
+    monkeypatch.setattr("objgraph.training.quality.evaluate.take_view", refuse)
     prior = box_prior()
     row = evaluate_meshes(prior, choose_meshes([folder], "chair", prior), QUICK)[0]
     assert row.chamfer is not None
@@ -92,7 +92,7 @@ def test_any_error_of_a_mesh_is_that_meshs_failure(folder, monkeypatch):
     def break_down(*_, **__):
         raise ZeroDivisionError("halves of nothing")
 
-    monkeypatch.setattr("objgraph.training.evaluate.full_code", break_down)
+    monkeypatch.setattr("objgraph.training.quality.evaluate.full_code", break_down)
     prior = box_prior()
     rows = evaluate_meshes(prior, choose_meshes([folder], "chair", prior), QUICK)
     assert rows[0].error == "ZeroDivisionError: halves of nothing"

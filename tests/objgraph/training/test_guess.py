@@ -22,8 +22,8 @@ from objgraph.priors.first_guess import FirstGuess, FirstGuessConfig
 from objgraph.priors.registry import load_prior
 from objgraph.priors.shape_prior import ShapePrior
 from objgraph.priors.store import save_prior
-from objgraph.training.guess import GuessCommand, guess_command, with_first_guess
-from objgraph.training.guess_data import (
+from objgraph.training.guess.command import GuessCommand, guess_command, with_first_guess
+from objgraph.training.guess.data import (
     Draws,
     Look,
     Shape,
@@ -33,10 +33,10 @@ from objgraph.training.guess_data import (
     turn_distances,
     varied,
 )
-from objgraph.training.guess_scenes import UP, SceneConfig, draw_seen
-from objgraph.training.guess_shapes import known_shapes, random_shapes
-from objgraph.training.index import read_index
-from objgraph.training.train_guess import TrainGuessConfig, measure_guess, train_guess
+from objgraph.training.guess.scenes import UP, SceneConfig, draw_seen
+from objgraph.training.guess.shapes import known_shapes, random_shapes
+from objgraph.training.guess.train import TrainGuessConfig, measure_guess, train_guess
+from objgraph.training.meshes.index import read_index
 from tests.toys import TOY_CODE, toy_frame, toy_mesh, toy_prior, toy_state
 
 NETWORK = FirstGuessConfig(

@@ -6,8 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from objgraph.priors.mesh import field_grid, mesh_of_grid
-from objgraph.training.joined import WHOLE, joined, pieces
-from objgraph.training.solid import Solid, SolidDistance
+from objgraph.training.meshes.joined import WHOLE, joined, pieces
+from objgraph.training.meshes.solid import Solid, SolidDistance
 
 
 def box(size: tuple[float, float, float], centre: tuple[float, float, float]) -> trimesh.Trimesh:

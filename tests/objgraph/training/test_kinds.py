@@ -2,7 +2,7 @@ import numpy as np
 import torch
 from torch.distributions import Normal, kl_divergence
 
-from objgraph.training.kinds import Kinds
+from objgraph.training.decoder.kinds import Kinds
 
 LENGTH = 4
 

@@ -10,11 +10,11 @@ from hypothesis import strategies as st
 
 from factors.code_mixture import CodeMixture
 from objgraph.errors import PriorError
-from objgraph.training.code_search import CodeGaussians, CodeRows, SearchConfig, descend, sample_rows, search
-from objgraph.training.partial import PartialConfig, fit_view, view_rows
-from objgraph.training.samples import SampleConfig, sample_solid
-from objgraph.training.single_view import free_points, take_view
-from objgraph.training.solid import Solid, SolidDistance
+from objgraph.training.codes.partial import PartialConfig, fit_view, view_rows
+from objgraph.training.codes.search import CodeGaussians, CodeRows, SearchConfig, descend, sample_rows, search
+from objgraph.training.codes.single_view import free_points, take_view
+from objgraph.training.meshes.samples import SampleConfig, sample_solid
+from objgraph.training.meshes.solid import Solid, SolidDistance
 from tests.shapes import box_prior, code_of
 from tests.toys import toy_mesh
 

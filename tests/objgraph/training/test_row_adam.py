@@ -4,7 +4,7 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
-from objgraph.training.row_adam import RowAdam
+from objgraph.training.decoder.row_adam import RowAdam
 
 
 @given(st.lists(st.sets(st.integers(0, 4), min_size=1), min_size=1, max_size=8), st.integers(0, 10))

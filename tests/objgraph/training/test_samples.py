@@ -11,9 +11,9 @@ from numpy.testing import assert_allclose
 from numpy.typing import NDArray
 
 from objgraph.errors import PriorError
-from objgraph.training.samples import SampleConfig, load_samples, sample_solid, save_samples
-from objgraph.training.solid import SHEET_HALF_THICKNESS, Solid, SolidDistance, solidify
-from objgraph.training.warps import random_warp
+from objgraph.training.meshes.samples import SampleConfig, load_samples, sample_solid, save_samples
+from objgraph.training.meshes.solid import SHEET_HALF_THICKNESS, Solid, SolidDistance, solidify
+from objgraph.training.meshes.warps import random_warp
 
 CONFIG = SampleConfig(count=2000)
 

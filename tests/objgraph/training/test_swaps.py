@@ -10,8 +10,8 @@ from numpy.testing import assert_allclose
 from objgraph.errors import PriorError
 from objgraph.families import FAMILIES
 from objgraph.families.parts import box, rod
-from objgraph.training.solid import Shell, Solid, SolidDistance, check_sign, solidify
-from objgraph.training.swaps import find_cut, swap
+from objgraph.training.meshes.solid import Shell, Solid, SolidDistance, check_sign, solidify
+from objgraph.training.meshes.swaps import find_cut, swap
 
 FAMILIES_OF = {"chair": ["dining", "bent_shell", "legged_stool", "chunky"], "table": ["four_leg", "chunky"]}
 

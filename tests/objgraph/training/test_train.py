@@ -16,13 +16,9 @@ from objgraph.errors import PriorError
 from objgraph.priors.mesh import extract_mesh
 from objgraph.priors.registry import load_prior
 from objgraph.priors.shape_prior import ShapePrior
-from objgraph.training.corpus import Corpus, CorpusConfig
-from objgraph.training.export import attribution, make_prior, train_command
-from objgraph.training.fit import fit_error
-from objgraph.training.index import CadMesh
-from objgraph.training.losses import sign_errors
-from objgraph.training.samples import SampleConfig, SdfSamples
-from objgraph.training.train import (
+from objgraph.training.codes.fit import fit_error
+from objgraph.training.decoder.losses import sign_errors
+from objgraph.training.decoder.train import (
     OptimiserConfig,
     TrainConfig,
     Trained,
@@ -30,6 +26,10 @@ from objgraph.training.train import (
     schedule,
     train,
 )
+from objgraph.training.export import attribution, make_prior, train_command
+from objgraph.training.meshes.corpus import Corpus, CorpusConfig
+from objgraph.training.meshes.index import CadMesh
+from objgraph.training.meshes.samples import SampleConfig, SdfSamples
 
 
 def ball(radius: float, seed: int, count: int = 1500) -> SdfSamples:
@@ -125,7 +125,7 @@ def test_sign_errors_are_torchs_own() -> None:
 def test_killed_training_resumes_with_the_same_result(
     config: TrainConfig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, count: int
 ) -> None:
-    monkeypatch.setattr("objgraph.training.train._REFIT", 3)
+    monkeypatch.setattr("objgraph.training.decoder.train._REFIT", 3)
     balls = replace(
         BALLS, training=tuple(ball(r, i, 100) for i, r in enumerate(np.linspace(0.2, 0.45, count)))
     )

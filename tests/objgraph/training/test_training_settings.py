@@ -8,14 +8,14 @@ import pytest
 from objgraph.cli.main import main
 from objgraph.errors import ConfigError, PriorError
 from objgraph.priors.first_guess import FirstGuessConfig
-from objgraph.training.code_search import SearchConfig
-from objgraph.training.corpus import CorpusConfig
-from objgraph.training.guess import GuessCommand
-from objgraph.training.guess_scenes import SceneConfig
-from objgraph.training.losses import LossConfig
-from objgraph.training.samples import SampleConfig
-from objgraph.training.train import OptimiserConfig, TrainConfig
-from objgraph.training.train_guess import TrainGuessConfig
+from objgraph.training.codes.search import SearchConfig
+from objgraph.training.decoder.losses import LossConfig
+from objgraph.training.decoder.train import OptimiserConfig, TrainConfig
+from objgraph.training.guess.command import GuessCommand
+from objgraph.training.guess.scenes import SceneConfig
+from objgraph.training.guess.train import TrainGuessConfig
+from objgraph.training.meshes.corpus import CorpusConfig
+from objgraph.training.meshes.samples import SampleConfig
 
 
 @pytest.mark.parametrize(

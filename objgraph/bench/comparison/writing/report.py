@@ -12,7 +12,7 @@ from objgraph.bench.comparison.running.store import Row, write_text
 from objgraph.bench.comparison.writing.bootstrap import LEVEL, RESAMPLES
 from objgraph.bench.comparison.writing.grid import Grid
 from objgraph.bench.comparison.writing.page import PAGE, page_of
-from objgraph.training.mesh_folder import write_json
+from objgraph.training.meshes.folder import write_json
 from objgraph.version import program_version
 
 Entry = Mapping[str, Any]

@@ -13,14 +13,14 @@ from jaxtyping import Bool, Float
 from objgraph.errors import ObjectGraphError
 from objgraph.priors.mesh import mesh_of_grid, sdf_grid
 from objgraph.priors.shape_prior import ShapePrior
-from objgraph.training.code_search import SearchConfig, sample_rows, search
-from objgraph.training.mesh_folder import ChosenMeshes
-from objgraph.training.partial import PartialConfig, fit_view
-from objgraph.training.samples import SampleConfig, sample_solid
-from objgraph.training.single_view import SingleViewConfig, take_view
-from objgraph.training.solid import Solid
-from objgraph.training.stretch import multiplied, to_decoder
-from objgraph.training.true_shape import ShapeScore, TrueShape, read_solid, volume_iou
+from objgraph.training.codes.partial import PartialConfig, fit_view
+from objgraph.training.codes.search import SearchConfig, sample_rows, search
+from objgraph.training.codes.single_view import SingleViewConfig, take_view
+from objgraph.training.codes.stretch import multiplied, to_decoder
+from objgraph.training.meshes.folder import ChosenMeshes
+from objgraph.training.meshes.samples import SampleConfig, sample_solid
+from objgraph.training.meshes.solid import Solid
+from objgraph.training.quality.true_shape import ShapeScore, TrueShape, read_solid, volume_iou
 from objgraph.work import Workers, spread
 
 log = logging.getLogger(__name__)

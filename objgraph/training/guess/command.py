@@ -12,14 +12,14 @@ from objgraph.errors import ConfigError, PriorError
 from objgraph.priors.registry import load_prior
 from objgraph.priors.shape_prior import ShapePrior
 from objgraph.priors.store import digest, save_prior
-from objgraph.training.corpus import listed
-from objgraph.training.guess_data import Shape, draw_all
-from objgraph.training.guess_scenes import VIEWS, SceneConfig
-from objgraph.training.guess_shapes import known_shapes, random_shapes
-from objgraph.training.mesh_files import canonical, read_mesh
-from objgraph.training.mesh_folder import choose_meshes
+from objgraph.training.guess.data import Shape, draw_all
+from objgraph.training.guess.scenes import VIEWS, SceneConfig
+from objgraph.training.guess.shapes import known_shapes, random_shapes
+from objgraph.training.guess.train import GuessQuality, TrainGuessConfig, measure_guess, train_guess
+from objgraph.training.meshes.corpus import listed
+from objgraph.training.meshes.files import canonical, read_mesh
+from objgraph.training.meshes.folder import choose_meshes
 from objgraph.training.progress import Report, bars
-from objgraph.training.train_guess import GuessQuality, TrainGuessConfig, measure_guess, train_guess
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ from factors import checks
 from objgraph.errors import ConfigError, PriorError
 from objgraph.priors.first_guess import PLACE, FirstGuess, FirstGuessConfig, gaussian
 from objgraph.priors.tensors import load_tensors, save_tensors
-from objgraph.training.guess_data import TURNS, Batch, Draws, batch, first_views, varied
+from objgraph.training.guess.data import TURNS, Batch, Draws, batch, first_views, varied
 
 _AT_ONCE = 8
 """Objects that are looked at together: what sixteen clouds of each take stays in the processor's cache."""

@@ -15,14 +15,14 @@ from objgraph.atomic import write_file
 from objgraph.errors import PriorError
 from objgraph.priors.shape_prior import ShapePrior
 from objgraph.priors.store import digest
-from objgraph.training.code_search import sample_rows, search
-from objgraph.training.corpus import sample_meshes
-from objgraph.training.guess_data import Shape
-from objgraph.training.index import CadMesh
-from objgraph.training.mesh_files import canonical, read_mesh
+from objgraph.training.codes.search import sample_rows, search
+from objgraph.training.codes.stretch import to_decoder
+from objgraph.training.guess.data import Shape
+from objgraph.training.meshes.corpus import sample_meshes
+from objgraph.training.meshes.files import canonical, read_mesh
+from objgraph.training.meshes.index import CadMesh
+from objgraph.training.meshes.samples import SampleConfig, SdfSamples
 from objgraph.training.progress import Report
-from objgraph.training.samples import SampleConfig, SdfSamples
-from objgraph.training.stretch import to_decoder
 from objgraph.work import process_pool
 
 _WITHIN = 2.0

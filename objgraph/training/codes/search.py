@@ -11,7 +11,7 @@ from factors import checks
 from factors.sdf_decoder import SdfDecoder
 from objgraph.errors import ConfigError
 from objgraph.priors.shape_prior import ShapePrior
-from objgraph.training.samples import SdfSamples
+from objgraph.training.meshes.samples import SdfSamples
 
 _CHUNK = 16384
 """Points linearised together."""
@@ -171,7 +171,7 @@ def sample_rows(
     sigma: float = 0.01,
     effective: float = 10_000.0,
 ) -> CodeRows:
-    """Rows of signed-distance samples; `stretch` is that of `objgraph.training.stretch.to_decoder`, without it 1.
+    """Rows of signed-distance samples; `stretch` is that of `objgraph.training.codes.stretch.to_decoder`, without it 1.
 
     `sigma` is the error's scale on the surface; it grows away from it as the training loss's weight falls.
     `effective` counts the samples as that many independent ones against the prior: distances known everywhere

@@ -23,12 +23,12 @@ from factors.code_mixture import CodeMixture
 from factors.decoder import Decoder, DecoderConfig
 from objgraph.errors import ConfigError, PriorError
 from objgraph.priors.tensors import load_tensors, save_tensors
-from objgraph.training.box_frame import BoxFrame
-from objgraph.training.checkpoint import AutoDecoder, pack, unpack
-from objgraph.training.corpus import Corpus, CorpusConfig
-from objgraph.training.losses import LossConfig, sample_errors
-from objgraph.training.samples import SampleConfig, SdfSamples
-from objgraph.training.train_guess import TrainGuessConfig
+from objgraph.training.decoder.box_frame import BoxFrame
+from objgraph.training.decoder.checkpoint import AutoDecoder, pack, unpack
+from objgraph.training.decoder.losses import LossConfig, sample_errors
+from objgraph.training.guess.train import TrainGuessConfig
+from objgraph.training.meshes.corpus import Corpus, CorpusConfig
+from objgraph.training.meshes.samples import SampleConfig, SdfSamples
 from objgraph.work import threads
 
 log = logging.getLogger(__name__)

@@ -15,7 +15,7 @@ from safetensors.numpy import load_file, save
 from factors import checks
 from objgraph.atomic import write_file
 from objgraph.errors import ConfigError, PriorError
-from objgraph.training.solid import SHEET_HALF_THICKNESS, Solid, SolidDistance
+from objgraph.training.meshes.solid import SHEET_HALF_THICKNESS, Solid, SolidDistance
 
 log = logging.getLogger(__name__)
 

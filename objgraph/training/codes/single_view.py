@@ -10,7 +10,7 @@ from scipy import ndimage
 from scipy.spatial import cKDTree
 
 from objgraph.errors import PriorError
-from objgraph.training.solid import Solid
+from objgraph.training.meshes.solid import Solid
 
 _RADIUS = 0.5
 """Of the ball that a shape of diagonal 1 lies in."""

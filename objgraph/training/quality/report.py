@@ -9,10 +9,10 @@ import numpy as np
 from rich.table import Table
 
 from objgraph.priors.shape_prior import ShapePrior
-from objgraph.training.evaluate import PriorEvaluationConfig, ShapeRow
-from objgraph.training.mesh_folder import ChosenMeshes
-from objgraph.training.random_codes import RandomCodes
-from objgraph.training.train_guess import GuessQuality
+from objgraph.training.guess.train import GuessQuality
+from objgraph.training.meshes.folder import ChosenMeshes
+from objgraph.training.quality.evaluate import PriorEvaluationConfig, ShapeRow
+from objgraph.training.quality.random_codes import RandomCodes
 
 MEASURED = (
     "canonical frame, unit box diagonal; chamfer: mean of the two directed mean point-to-surface distances; "

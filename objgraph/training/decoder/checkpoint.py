@@ -8,8 +8,8 @@ from torch import Tensor
 
 from factors.decoder import Decoder
 from objgraph.errors import PriorError
-from objgraph.training.kinds import Kinds
-from objgraph.training.row_adam import RowAdam
+from objgraph.training.decoder.kinds import Kinds
+from objgraph.training.decoder.row_adam import RowAdam
 
 
 class AutoDecoder:

@@ -9,9 +9,9 @@ from typing import Any, Literal
 from objgraph.atomic import write_file
 from objgraph.errors import EvaluationError, PriorError
 from objgraph.priors.shape_prior import ShapePrior
-from objgraph.training.index import read_index
-from objgraph.training.mesh_files import SUFFIXES, list_meshes
-from objgraph.training.solid import require_libraries
+from objgraph.training.meshes.files import SUFFIXES, list_meshes
+from objgraph.training.meshes.index import read_index
+from objgraph.training.meshes.solid import require_libraries
 
 Choice = Literal["heldout", "all", "default"]
 

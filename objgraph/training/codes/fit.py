@@ -15,9 +15,9 @@ from trimesh.sample import sample_surface
 from objgraph.errors import SolveError
 from objgraph.priors.mesh import extract_mesh
 from objgraph.priors.shape_prior import ShapePrior
-from objgraph.training.code_search import sample_rows, search
-from objgraph.training.samples import SdfSamples
-from objgraph.training.stretch import multiplied, to_decoder
+from objgraph.training.codes.search import sample_rows, search
+from objgraph.training.codes.stretch import multiplied, to_decoder
+from objgraph.training.meshes.samples import SdfSamples
 
 BANDS = (0.0, 0.005, 0.01, 0.02, 0.05, 0.1, 1.0)
 """Limits of the bands of distance from the surface in which errors are measured, in diagonals."""

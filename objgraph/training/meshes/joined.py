@@ -14,7 +14,7 @@ from scipy.spatial import cKDTree
 
 from objgraph.errors import SolveError
 from objgraph.priors.mesh import field_grid, mesh_of_grid
-from objgraph.training.solid import Solid, SolidDistance
+from objgraph.training.meshes.solid import Solid, SolidDistance
 
 WHOLE = 0.98
 """Share of its surface that the largest piece of a shape in one piece has at least."""

@@ -13,9 +13,9 @@ from scipy.spatial import cKDTree
 from objgraph.errors import EvaluationError
 from objgraph.geometry.raycaster import raycaster, seen_from_outside
 from objgraph.priors.mesh import field_grid
-from objgraph.training.mesh_files import canonical, read_mesh
-from objgraph.training.samples import surface_points
-from objgraph.training.solid import SHEET_HALF_THICKNESS, Solid, SolidDistance, solidify
+from objgraph.training.meshes.files import canonical, read_mesh
+from objgraph.training.meshes.samples import surface_points
+from objgraph.training.meshes.solid import SHEET_HALF_THICKNESS, Solid, SolidDistance, solidify
 
 EXACT_POINTS = 30_000
 """Points a side whose distances to the other surface are measured."""

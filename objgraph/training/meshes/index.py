@@ -8,7 +8,7 @@ from typing import Any, get_type_hints
 
 from objgraph.checked import check_fields, inside, numbers, parse_json
 from objgraph.errors import PriorError
-from objgraph.training.mesh_files import SUFFIXES, list_meshes
+from objgraph.training.meshes.files import SUFFIXES, list_meshes
 
 HELDOUT_SHARE = 0.2
 """Of every source's meshes, for evaluation alone."""

@@ -11,8 +11,8 @@ from numpy.random import Generator
 from scipy import ndimage
 
 from objgraph.errors import PriorError
-from objgraph.training.cut_solid import half_of
-from objgraph.training.solid import Shell, Solid, SolidDistance, check_sign
+from objgraph.training.meshes.cut_solid import half_of
+from objgraph.training.meshes.solid import Shell, Solid, SolidDistance, check_sign
 
 PITCH = 1 / 72
 """Edge of the cells in which solids are looked at, in canonical units."""

@@ -9,7 +9,7 @@ from jaxtyping import Float
 from objgraph.errors import EvaluationError, SolveError
 from objgraph.priors.mesh import extract_mesh
 from objgraph.priors.shape_prior import ShapePrior
-from objgraph.training.joined import WHOLE, pieces
+from objgraph.training.meshes.joined import WHOLE, pieces
 from objgraph.work import process_pool
 
 BOX_TOLERANCE = 0.03

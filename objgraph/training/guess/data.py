@@ -21,7 +21,7 @@ from objgraph.observation.gravity_box import smallest_heading
 from objgraph.priors.first_guess import FirstGuessConfig, place_in
 from objgraph.priors.mesh import extract_mesh
 from objgraph.priors.shape_prior import ShapePrior
-from objgraph.training.guess_scenes import UP, VIEWS, SceneConfig, SeenObject, draw_seen
+from objgraph.training.guess.scenes import UP, VIEWS, SceneConfig, SeenObject, draw_seen
 from objgraph.work import process_pool
 
 _SURFACE, _FREE = 200, 100

@@ -6,8 +6,8 @@ import numpy as np
 from jaxtyping import Float
 
 from objgraph.priors.shape_prior import ShapePrior
-from objgraph.training.code_search import CodeRows, SearchConfig, search
-from objgraph.training.single_view import DepthView, free_points
+from objgraph.training.codes.search import CodeRows, SearchConfig, search
+from objgraph.training.codes.single_view import DepthView, free_points
 
 
 @dataclass(frozen=True)
@@ -41,7 +41,7 @@ def fit_view(
 ) -> Float[np.ndarray, "l"]:
     """The most probable code of what a view shows: the seen surface is at distance zero, seen-empty space outside.
 
-    `stretch` is that of `objgraph.training.stretch.to_decoder`; without it the decoder takes canonical points.
+    `stretch` is that of `objgraph.training.codes.stretch.to_decoder`; without it the decoder takes canonical points.
     """
     config = config or PartialConfig()
     stretch = np.ones(3) if stretch is None else stretch

@@ -7,7 +7,7 @@ import trimesh
 
 from objgraph.errors import PriorError
 from objgraph.geometry.meshes import signed_volume
-from objgraph.training.solid import Shell, Solid, SolidDistance
+from objgraph.training.meshes.solid import Shell, Solid, SolidDistance
 
 
 @lru_cache(maxsize=512)

@@ -15,10 +15,10 @@ from factors import checks
 from objgraph.atomic import write_file
 from objgraph.errors import ConfigError, PriorError
 from objgraph.families import FAMILIES, draw
-from objgraph.training.index import HELDOUT_SHARE, CadMesh, heldout_groups, read_index
-from objgraph.training.joined import joined
-from objgraph.training.mesh_files import canonical, read_mesh
-from objgraph.training.samples import (
+from objgraph.training.meshes.files import canonical, read_mesh
+from objgraph.training.meshes.index import HELDOUT_SHARE, CadMesh, heldout_groups, read_index
+from objgraph.training.meshes.joined import joined
+from objgraph.training.meshes.samples import (
     SampleConfig,
     SdfSamples,
     cache_key,
@@ -26,9 +26,9 @@ from objgraph.training.samples import (
     sample_solid,
     save_samples,
 )
-from objgraph.training.solid import SOLID_VERSION, Solid, require_libraries, solidify
-from objgraph.training.swaps import SWAPPED, swap
-from objgraph.training.warps import random_warp
+from objgraph.training.meshes.solid import SOLID_VERSION, Solid, require_libraries, solidify
+from objgraph.training.meshes.swaps import SWAPPED, swap
+from objgraph.training.meshes.warps import random_warp
 from objgraph.work import process_pool
 
 log = logging.getLogger(__name__)

@@ -1,0 +1,1 @@
+"""Best codes of shapes, of which all or one view is known."""

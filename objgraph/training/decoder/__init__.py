@@ -1,0 +1,1 @@
+"""Decoders and the codes of their training shapes."""

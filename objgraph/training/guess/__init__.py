@@ -1,0 +1,1 @@
+"""First guesses: scenes, networks, and what they are worth."""

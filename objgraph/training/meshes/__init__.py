@@ -1,0 +1,1 @@
+"""Collected meshes as solids, and signed distances sampled of them."""

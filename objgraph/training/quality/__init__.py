@@ -1,0 +1,1 @@
+"""What a prior is worth on shapes that it has not seen."""
