@@ -22,33 +22,23 @@ def code_prior(
     return gtsam.PriorFactorVector(_keys(keys).code, mean, gtsam.noiseModel.Gaussian.Covariance(covariance))
 
 
-_COMMON = np.full((3, 3), 1.0 / 3.0)
-
-
-def stretch_covariance(anisotropy_sigma: float) -> Float[np.ndarray, "3 3"]:
-    """Of three axes' deviations from their mean, where each axis' is `anisotropy_sigma` and no axis is special."""
-    return anisotropy_sigma**2 * (np.eye(3) - _COMMON)
-
-
-def scale_covariance(size_sigma: float, stretch: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, "3 3"]:
-    """Covariance of a log-scale whose common part and whose axes' deviations from it (`stretch`) are independent."""
-    return 3.0 * size_sigma**2 * _COMMON + stretch
+def scale_covariance(size_sigma: float, anisotropy_sigma: float) -> Float[np.ndarray, "3 3"]:
+    """Covariance of a log-scale whose common part and whose axes' deviations from it are independent."""
+    common = np.full((3, 3), 1.0 / 3.0)
+    return 3.0 * size_sigma**2 * common + anisotropy_sigma**2 * (np.eye(3) - common)
 
 
 def scale_prior(
-    keys: ObjectKeys, mean_log_scale: float, size_sigma: float, stretch: float | Float[np.ndarray, "3 3"]
+    keys: ObjectKeys, mean_log_scale: float, size_sigma: float, anisotropy_sigma: float
 ) -> gtsam.NonlinearFactor:
-    """The object is as large as its category's are, and its three scales are as nearly equal.
+    """The object is as large as its category's are, and its three scales are nearly equal.
 
-    `size_sigma` is the standard deviation of the mean log-scale; `stretch` that of each axis about it, or the
-    covariance of the three about their mean. As of all priors here, FactorError says which number is none, or a
-    standard deviation that is not positive.
+    `size_sigma` is the standard deviation of the mean log-scale, `anisotropy_sigma` of each axis about it. As of all
+    priors here, FactorError says which number is none, or a standard deviation that is not positive.
     """
-    if not isinstance(stretch, (np.ndarray, list, tuple)):
-        stretch = stretch_covariance(_sigma("stretch", stretch))
-    given = checks.reals("stretch", stretch, (3, 3))
-    total = scale_covariance(_sigma("size_sigma", size_sigma), given)
-    covariance = checks.covariance("the log-scale's covariance", total, 3)
+    covariance = scale_covariance(
+        _sigma("size_sigma", size_sigma), _sigma("anisotropy_sigma", anisotropy_sigma)
+    )
     mean = checks.number("mean_log_scale", mean_log_scale, LOG_SCALES)
     return gtsam.PriorFactorVector(
         _keys(keys).log_scale, np.full(3, mean), gtsam.noiseModel.Gaussian.Covariance(covariance)

@@ -149,8 +149,8 @@ def _log_scale(log_ratio: Float[np.ndarray, "3"], stands: bool, prior: ShapePrio
     size = float(log_ratio[1] if stands else log_ratio.mean())
     reach = 2.5 * prior.size_log_sigma
     size = np.clip(size, np.log(prior.size_mean) - reach, np.log(prior.size_mean) + reach)
-    stretch = prior.stretch_covariance
-    share, limit = (0.5, 0.3) if stretch is None else (1.0, 2.5 * np.sqrt(np.diag(stretch)))
+    anisotropy = prior.anisotropy_sigma
+    share, limit = (0.5, 0.3) if anisotropy is None else (1.0, 2.5 * anisotropy)
     return size + share * np.clip(log_ratio - size, -limit, limit)
 
 

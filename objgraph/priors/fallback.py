@@ -5,7 +5,6 @@ from dataclasses import asdict
 import numpy as np
 import torch
 
-from factors.priors import stretch_covariance
 from factors.superquadric import Superquadric
 from objgraph.priors.shape_prior import ShapePrior
 from objgraph.priors.store import digest
@@ -40,7 +39,7 @@ def fallback_prior(category: str) -> ShapePrior:
         residual_sigma=_RESIDUAL_SIGMA,
         size_mean=_SIZE_MEAN,
         size_log_sigma=_SIZE_LOG_SIGMA,
-        stretch_covariance=stretch_covariance(_ANISOTROPY_SIGMA),
+        anisotropy_sigma=_ANISOTROPY_SIGMA,
         card={
             "fallback": NAME,
             "decoder": asdict(decoder.config),

@@ -47,8 +47,8 @@ class ShapePrior:
     """The model card: data, licences, frame, training settings, measured errors, hash."""
     prototypes: Float[np.ndarray, "k l"] | None = None
     """Codes of typical training shapes that differ: where a fit may start beside the mean."""
-    stretch_covariance: Float[np.ndarray, "3 3"] | None = None
-    """Of the three axes' log-scales about their mean; None leaves it to the graph's settings."""
+    anisotropy_sigma: float | None = None
+    """Standard deviation of each axis' log-scale about their mean; None leaves it to the graph's settings."""
     box: Float[np.ndarray, "3"] | None = None
     """Edges of the box that every shape is stretched to in the decoder's frame (`BoxFrame`); None where the
     decoder takes coordinates of diagonal 1 as they are."""
@@ -87,10 +87,10 @@ class ShapePrior:
         return mixture_prior(keys, self.kinds)
 
     def scale_factor(self, keys: ObjectKeys, anisotropy_sigma: float = 0.1) -> gtsam.NonlinearFactor:
-        """What is known of an object's scales beforehand; where the prior does not say how proportions differ, each axis'
-        log-scale deviates by `anisotropy_sigma` from their mean."""
-        stretch = anisotropy_sigma if self.stretch_covariance is None else self.stretch_covariance
-        return scale_prior(keys, np.log(self.size_mean), self.size_log_sigma, stretch)
+        """What is known of an object's scales beforehand; each axis deviates by `anisotropy_sigma` from their mean where the prior
+        does not say by how much."""
+        sigma = self.anisotropy_sigma or anisotropy_sigma
+        return scale_prior(keys, np.log(self.size_mean), self.size_log_sigma, sigma)
 
     def draw_codes(self, count: int, rng: Generator, within: float | None = None) -> Float[np.ndarray, "n l"]:
         """Random codes, none beyond `within` standard deviations along an axis of its Gaussian if that is given."""

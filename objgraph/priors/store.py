@@ -10,13 +10,10 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from factors import checks
-from factors.checks import DEVIATIONS
 from factors.code_mixture import CodeMixture
 from factors.decoder import Decoder, DecoderConfig
 from factors.deepsdf import DeepSdfConfig, DeepSdfDecoder
 from factors.errors import FactorError
-from factors.priors import scale_covariance, stretch_covariance
 from factors.sdf_decoder import SdfDecoder
 from factors.superquadric import Superquadric, SuperquadricConfig
 from objgraph.checked import check_fields, typed
@@ -45,8 +42,6 @@ def save_prior(prior: ShapePrior, path: Path) -> None:
         tensors["prototypes"] = torch.from_numpy(np.asarray(prior.prototypes, np.float64))
     if prior.box is not None:
         tensors["box"] = torch.from_numpy(np.asarray(prior.box, np.float64))
-    if prior.stretch_covariance is not None:
-        tensors["stretch_covariance"] = torch.from_numpy(np.asarray(prior.stretch_covariance, np.float64))
     guess = {}
     if prior.guess is not None:
         tensors |= {f"guess.{name}": value for name, value in prior.guess.state_dict().items()}
@@ -61,6 +56,7 @@ def save_prior(prior: ShapePrior, path: Path) -> None:
         "residual_sigma": prior.residual_sigma,
         "size_mean": prior.size_mean,
         "size_log_sigma": prior.size_log_sigma,
+        **({} if prior.anisotropy_sigma is None else {"anisotropy_sigma": prior.anisotropy_sigma}),
         "surface_misfit": prior.surface_misfit,
         "sha256": digest(tensors),
         "card": {k: v for k, v in prior.card.items() if k not in _HEADER},
@@ -98,7 +94,7 @@ def load_prior_file(path: Path) -> ShapePrior:
         prototypes = tensors["prototypes"].numpy() if "prototypes" in tensors else None
         box = tensors["box"].numpy() if "box" in tensors else None
         numbers = [float(header[key]) for key in ("residual_sigma", "size_mean", "size_log_sigma")]
-        stretch = _stretch_of(tensors, header)
+        anisotropy = float(header["anisotropy_sigma"]) if "anisotropy_sigma" in header else None
         surface_misfit = float(header.get("surface_misfit", 1.0))
         card = {**header["card"], **{key: header[key] for key in _HEADER}}
         category = str(header["category"])
@@ -123,13 +119,14 @@ def load_prior_file(path: Path) -> ShapePrior:
         *([] if prototypes is None else [prototypes]),
         *([] if box is None else [box]),
         numbers,
+        [] if anisotropy is None else [anisotropy],
         [surface_misfit],
         *(value.numpy() for value in decoder.state_dict().values()),
         *([] if guess is None else [value.numpy() for value in guess.state_dict().values()]),
     ]
     if not all(np.isfinite(array).all() for array in arrays):
         raise PriorError(f"{path}: a weight or statistic is not finite")
-    positive: list[float] = [*numbers, surface_misfit]
+    positive: list[float] = [*numbers, surface_misfit, *([] if anisotropy is None else [anisotropy])]
     if min(positive) <= 0:
         raise PriorError(f"{path}: a standard deviation, size or factor is not positive: {positive}")
     decoder.requires_grad_(False).eval()
@@ -141,24 +138,12 @@ def load_prior_file(path: Path) -> ShapePrior:
         *numbers,
         card=card,
         prototypes=prototypes,
-        stretch_covariance=stretch,
+        anisotropy_sigma=anisotropy,
         box=box,
         guess=guess,
         surface_misfit=surface_misfit,
         kinds=kinds,
     )
-
-
-def _stretch_of(tensors: dict[str, Tensor], header: dict[str, Any]) -> np.ndarray | None:
-    """Raises ValueError, or FactorError."""
-    if "stretch_covariance" in tensors:
-        stretch = tensors["stretch_covariance"].numpy()
-        checks.covariance("its log-scales' covariance", scale_covariance(1.0, stretch), 3)
-        return stretch
-    if "anisotropy_sigma" in header:  # of an older file, which gave one deviation for all axes
-        sigma = checks.number("anisotropy_sigma", header["anisotropy_sigma"], DEVIATIONS)
-        return stretch_covariance(sigma)
-    return None
 
 
 def _kinds(tensors: dict[str, Tensor]) -> CodeMixture | None:

@@ -89,7 +89,7 @@ def make_prior(config: TrainConfig, corpus: Corpus, trained: Trained) -> ShapePr
         size_log_sigma=size_log_sigma,
         prototypes=typical_codes(trained.codes),
         box=None if trained.box is None else trained.box.extents,
-        stretch_covariance=None if trained.box is None else trained.box.stretch_covariance,
+        anisotropy_sigma=None if trained.box is None else trained.box.anisotropy_sigma,
     )
     collected = {entry.file for entry in corpus.unseen}
     unseen = [shape for shape in corpus.heldout if shape.name.split("#")[0] in collected]

@@ -2,14 +2,12 @@ import gtsam
 import numpy as np
 import pytest
 
-from factors.errors import FactorError
 from factors.priors import (
     code_prior,
     placed_prior,
     scale_covariance,
     scale_prior,
     sized_prior,
-    stretch_covariance,
     upright_prior,
 )
 from factors.state import ObjectKeys, ObjectState
@@ -18,7 +16,7 @@ KEYS = ObjectKeys.numbered(1)
 
 
 def test_scale_covariance_separates_size_from_shape():
-    covariance = scale_covariance(0.3, stretch_covariance(0.05))
+    covariance = scale_covariance(0.3, 0.05)
     samples = np.random.default_rng(0).multivariate_normal(np.zeros(3), covariance, size=200_000)
     mean = samples.mean(axis=1)
     assert mean.std() == pytest.approx(0.3, rel=0.01)
@@ -37,16 +35,8 @@ def test_priors_are_half_squared_mahalanobis_distances():
     expected = 0.5 * (code - mean) @ np.linalg.solve(covariance, code - mean)
     assert code_prior(KEYS, mean, covariance).error(values) == pytest.approx(expected)
     off = state.log_scale - 0.15
-    expected = 0.5 * off @ np.linalg.solve(scale_covariance(0.3, stretch_covariance(0.05)), off)
+    expected = 0.5 * off @ np.linalg.solve(scale_covariance(0.3, 0.05), off)
     assert scale_prior(KEYS, 0.15, 0.3, 0.05).error(values) == pytest.approx(expected)
-    # tables: twice as free along x as along z, which follows it
-    stretch = np.cov(
-        rng.normal(size=(100, 1)) * [0.4, -0.6, 0.2] + rng.normal(size=(100, 3)) * 0.02, rowvar=False
-    )
-    expected = 0.5 * off @ np.linalg.solve(stretch + 0.3**2, off)
-    assert scale_prior(KEYS, 0.15, 0.3, stretch).error(values) == pytest.approx(expected)
-    with pytest.raises(FactorError, match="not positive definite"):
-        scale_prior(KEYS, 0.15, 0.3, -np.eye(3))
 
 
 @pytest.mark.parametrize("tilt", [0.0, 0.02, 0.1])

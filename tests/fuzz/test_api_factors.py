@@ -84,7 +84,7 @@ FACTORS: dict[Any, tuple[dict[str, Any], dict[str, Any]]] = {
     ),
     FilledBoxFactor: ({**dict(list(POINTS.items())[:2]), "box": np.full(3, 0.6), "sigma": 0.01}, {}),
     code_prior: ({"keys": KEYS, "mean": np.zeros(4), "covariance": np.eye(4)}, {}),
-    scale_prior: ({"keys": KEYS, "mean_log_scale": 0.0, "size_sigma": 0.3, "stretch": 0.1}, {}),
+    scale_prior: ({"keys": KEYS, "mean_log_scale": 0.0, "size_sigma": 0.3, "anisotropy_sigma": 0.1}, {}),
     upright_prior: ({"keys": KEYS, "up_world": UP, "sigma": 0.03}, {}),
     placed_prior: (
         {

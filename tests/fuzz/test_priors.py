@@ -36,7 +36,7 @@ def good(request, tmp_path_factory) -> Path:
     guess = FirstGuess(FirstGuessConfig(3, 8, 8, heading_width=8, place_width=8, hidden=8))
     prior = ShapePrior(
         "lamp", decoder, np.arange(3.0), np.diag([1.0, 2.0, 3.0]), 0.01, 0.5, 0.2, CARD, np.zeros((2, 3)),
-        0.01 * np.eye(3), np.array([0.5, 0.6, 0.7]), guess=guess,
+        0.1, np.array([0.5, 0.6, 0.7]), guess=guess,
     )  # fmt: skip
     if request.param == "kinds":
         rng = np.random.default_rng(0)

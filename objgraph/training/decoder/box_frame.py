@@ -5,11 +5,6 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from factors.priors import stretch_covariance
-
-_LEAST_STRETCH = 0.03
-"""What no shapes' spread of proportions is below, as a standard deviation: those of one mesh have none."""
-
 
 @dataclass(frozen=True)
 class BoxFrame:
@@ -22,8 +17,8 @@ class BoxFrame:
 
     extents: Float[np.ndarray, "3"]
     """Edges of the typical box, whose diagonal is 1."""
-    stretch_covariance: Float[np.ndarray, "3 3"]
-    """Of the logarithms of a shape's stretches about their mean over the axes."""
+    anisotropy_sigma: float
+    """Standard deviation of the logarithm of a shape's stretch about its mean over the axes."""
 
     @staticmethod
     def of(extents: Float[np.ndarray, "s 3"]) -> "BoxFrame":
@@ -33,8 +28,8 @@ class BoxFrame:
         typical = typical / np.linalg.norm(typical)
         deviation = logs - np.log(typical)
         deviation -= deviation.mean(1, keepdims=True)
-        least = stretch_covariance(_LEAST_STRETCH)
-        return BoxFrame(typical, deviation.T @ deviation / len(deviation) + least)
+        # two of the three directions are free once the mean is taken out
+        return BoxFrame(typical, float(np.sqrt((deviation**2).sum(1).mean() / 2)))
 
     def stretch(self, extents: Float[np.ndarray, "... 3"]) -> Float[np.ndarray, "... 3"]:
         """What canonical coordinates of a shape with these edges are divided by to be the decoder's."""

@@ -12,7 +12,7 @@ from jaxtyping import Float
 from numpy.random import Generator
 
 from factors import checks
-from factors.priors import scale_covariance, stretch_covariance
+from factors.priors import scale_covariance
 from objgraph.errors import ConfigError, ObservationError
 from objgraph.geometry.frames import look_at, upright_axes
 from objgraph.observation.sampling import ObjectView, SamplingConfig, observe
@@ -83,9 +83,7 @@ def draw_seen(
     whose diagonal is 1.
     """
     faults = config.faults.draw(rng)
-    noise = rng.multivariate_normal(
-        np.zeros(3), scale_covariance(prior.size_log_sigma, stretch_covariance(config.proportions))
-    )
+    noise = rng.multivariate_normal(np.zeros(3), scale_covariance(prior.size_log_sigma, config.proportions))
     half = 0.5 * prior.size_mean * extents * np.exp(noise)
     scale = 2 * half / (mesh.extents if prior.box is None else prior.box)
     T_world_object = np.eye(4)

@@ -65,8 +65,7 @@ def random_shapes(
         extents = _of_nearest(codes, known)
     else:
         box = np.full(3, 1 / np.sqrt(3)) if prior.box is None else prior.box
-        stretch = np.zeros((3, 3)) if prior.stretch_covariance is None else prior.stretch_covariance
-        edges = box * np.exp(rng.multivariate_normal(np.zeros(3), stretch, count))
+        edges = box * np.exp(rng.normal(0, prior.anisotropy_sigma or 0.0, (count, 3)))
         extents = edges / np.linalg.norm(edges, axis=1, keepdims=True)
     return [Shape(f"random {i}", extents[i], code=codes[i]) for i in range(count)]
 

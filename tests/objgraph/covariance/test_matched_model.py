@@ -6,7 +6,6 @@ import numpy as np
 import torch
 from scipy.stats import chi2, kstest
 
-from factors.priors import stretch_covariance
 from factors.sdf import MetricSdf, query_points
 from factors.state import ObjectKeys, ObjectState
 from factors.surface import SurfaceFactor
@@ -26,11 +25,11 @@ PLACE_SIGMAS = np.array([0.05, 0.05, 0.1, 0.05, 0.05, 0.05])
 
 def drawn_state(prior: ShapePrior, rng: np.random.Generator) -> ObjectState:
     code = rng.multivariate_normal(prior.code_mean, prior.code_covariance)
-    among = prior.stretch_covariance
-    among = stretch_covariance(CONFIG.anisotropy_sigma) if among is None else among
-    stretch = rng.multivariate_normal(np.zeros(3), among)
+    stretch = (prior.anisotropy_sigma or CONFIG.anisotropy_sigma) * rng.normal(size=3)
     size = np.log(prior.size_mean) + prior.size_log_sigma * rng.normal()
-    return ObjectState(PLACE.retract(PLACE_SIGMAS * rng.normal(size=6)), size + stretch, code)
+    return ObjectState(
+        PLACE.retract(PLACE_SIGMAS * rng.normal(size=6)), size + stretch - stretch.mean(), code
+    )
 
 
 def noisy_points(prior: ShapePrior, state: ObjectState, rng: np.random.Generator) -> np.ndarray:

@@ -15,7 +15,6 @@ from safetensors.torch import load_file, save_file
 from factors.code_mixture import CodeMixture
 from factors.decoder import Decoder, DecoderConfig
 from factors.errors import FactorError
-from factors.priors import stretch_covariance
 from factors.state import ObjectKeys, ObjectState
 from objgraph.cli.priors import describe
 from objgraph.errors import PriorError
@@ -163,28 +162,6 @@ def test_what_was_measured_of_surfaces_is_kept(prior: ShapePrior, tmp_path: Path
     assert load_prior(path).surface_misfit == 2.5
     rewrite(path, lambda tensors, header: header.pop("surface_misfit"))  # files of before it was kept
     assert load_prior(path).surface_misfit == 1.0
-
-
-def test_how_proportions_differ_is_kept_and_an_older_file_gives_one_number(
-    prior: ShapePrior, tmp_path: Path
-) -> None:
-    path = tmp_path / "lamp.safetensors"
-    across = np.array([1.0, -1.5, 0.5])
-    stretch = 0.1 * np.outer(across, across) + stretch_covariance(0.03)
-    save_prior(replace(prior, stretch_covariance=stretch), path)
-    assert_array_equal(load_prior(path).stretch_covariance, stretch)
-    rewrite(
-        path, lambda tensors, header: tensors.update(stretch_covariance=-torch.eye(3, dtype=torch.double))
-    )
-    with pytest.raises(PriorError, match="not positive definite"):
-        load_prior(path)
-    rewrite(
-        path, lambda tensors, header: (tensors.pop("stretch_covariance"), header.update(anisotropy_sigma=0.3))
-    )
-    assert_array_equal(load_prior(path).stretch_covariance, stretch_covariance(0.3))
-    rewrite(path, lambda tensors, header: header.update(anisotropy_sigma=-0.3))
-    with pytest.raises(PriorError, match="anisotropy_sigma"):
-        load_prior(path)
 
 
 def test_the_kinds_of_shapes_are_kept_and_codes_are_drawn_of_them(prior: ShapePrior, tmp_path: Path) -> None:
