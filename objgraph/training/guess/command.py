@@ -85,7 +85,7 @@ def with_first_guess(
     jobs: int = 1,
     progress: Report | None = None,
 ) -> ShapePrior:
-    """The prior with a first guess, trained on scenes of shapes as the prior makes them of their codes.
+    """The prior with a first guess, trained on scenes of shapes: of their meshes, or as the prior makes them of their codes.
 
     What is done is kept in the folder `work`, and a killed run goes on there. The card says what the guess is worth on the
     `unseen` meshes (files and names).
