@@ -95,21 +95,22 @@ def with_first_guess(
     """
     tell = progress or (lambda what, done, total: None)
     config = replace(config, network=replace(config.network, code_length=prior.decoder.code_length))
-    some = np.sort(np.random.default_rng(config.seed).permutation(len(shapes))[: config.scenes])
-    drawn = [shapes[i] for i in some]
+    rng = np.random.default_rng(config.seed)
+    rounds = [rng.permutation(len(shapes)) for _ in range(-(-config.scenes // len(shapes)))]
+    drawn = [shapes[i] for i in np.sort(np.concatenate(rounds)[: config.scenes])]
     codes = np.array([shape.code for shape in drawn])
     made = [(shape.extents.tobytes(), shape.mesh is None) for shape in drawn]
-    settings = digest(dict(prior.decoder.state_dict())), codes.tobytes(), made, config.scenes, config.seed
+    settings = digest(dict(prior.decoder.state_dict())), codes.tobytes(), made, config.seed
     cache = work / _key(*settings, SceneConfig())
     draws = draw_all(
-        drawn, prior, max(1, config.scenes // len(shapes)), SceneConfig(), config.seed,
-        cache / "training", jobs, lambda done, total: tell("drawing scenes", done, total),
+        drawn, prior, 1, SceneConfig(), config.seed, cache / "training", jobs,
+        lambda done, total: tell("drawing scenes", done, total),
     )  # fmt: skip
     guess = train_guess(
         draws, codes, prior.size_mean, config, cache / f"checkpoint-{_key(config)}",
         lambda step, steps, loss: tell(f"training the first guess, loss {loss:.3f}", step, steps),
     )  # fmt: skip
-    card: dict[str, object] = {"settings": asdict(config), "shapes": len(drawn), "scenes": len(draws)}
+    card: dict[str, object] = {"settings": asdict(config), "shapes": len(np.unique(codes, axis=0)), "scenes": len(draws)}
     if unseen:
         quality = guess_quality(
             replace(prior, guess=guess), unseen, config.seed, cache / f"heldout-{_key(unseen)}", jobs,
