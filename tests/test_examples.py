@@ -11,13 +11,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from objgraph.bench.metrics.maps import evaluate_map
 from objgraph.datasets.ground_truth import annotated
 from objgraph.datasets.kitti import load_frame, load_labels
 from objgraph.datasets.registry import load_scan
 from objgraph.datasets.trajectory import absolute_trajectory_error, read_tum
 from objgraph.geometry.boxes import OrientedBox, box_iou
 from objgraph.maps.object_map import ObjectMap
+from objgraph.metrics.maps import evaluate_map
 from objgraph.priors.registry import load_prior
 from objgraph.synthetic.street import ensure_street
 from tests.conftest import REPOSITORY

@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from objgraph.bench.metrics.maps import ERROR_KEYS
 from objgraph.cli.main import main
 from objgraph.maps.mapped_object import BOX_COVARIANCE_AXES, COVARIANCE_AXES
 from objgraph.maps.object_map import ObjectMap
+from objgraph.metrics.maps import ERROR_KEYS
 from objgraph.synthetic.sample import ensure_sample
 from objgraph.trust.calibration import shipped_calibration
 

@@ -32,8 +32,6 @@ from objgraph.active.next_view import Criterion, NextViewConfig, ViewGain, next_
 from objgraph.active.target import Target, target
 from objgraph.atomic import write_file
 from objgraph.bench.comparison.objects.calibration import RIGHT_MODE_DEG
-from objgraph.bench.metrics.box_error import box_error, corners_m
-from objgraph.bench.metrics.metrics import evaluate_object
 from objgraph.bench.places import half_ring, spread_out
 from objgraph.bench.views_needed import (
     Row,
@@ -54,6 +52,8 @@ from objgraph.estimate.task import Estimate, EstimationTask
 from objgraph.graph.builder import ObjectBuilder
 from objgraph.graph.initialise import first_states
 from objgraph.maps.pipeline import scene_floor
+from objgraph.metrics.box_error import box_error, corners_m
+from objgraph.metrics.objects import evaluate_object
 from objgraph.observation.frames import ListedFrames, Scan
 from objgraph.observation.sampling import ObjectView, observe
 from objgraph.priors.mesh import extract_mesh

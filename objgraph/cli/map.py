@@ -11,8 +11,6 @@ import tyro
 from jaxtyping import Float
 from rich.console import Console
 
-from objgraph.bench.metrics.maps import MapErrors, evaluate_map
-from objgraph.bench.metrics.tables import evaluation_table
 from objgraph.cli.progress import progress
 from objgraph.cli.run_config import MapRun, Source, Topics, read_run, root_of
 from objgraph.datasets.ground_truth import AnnotatedScan, annotated
@@ -22,6 +20,8 @@ from objgraph.maps.files import EVALUATION
 from objgraph.maps.lidar import LidarMappingConfig, map_lidar
 from objgraph.maps.object_map import ObjectMap
 from objgraph.maps.pipeline import MappingConfig, map_scan, scene_points
+from objgraph.metrics.maps import MapErrors, evaluate_map
+from objgraph.metrics.tables import evaluation_table
 from objgraph.observation.frames import Scan
 from objgraph.observation.lidar.frame import LidarFrame
 from objgraph.show.map_picture import map_picture

@@ -48,6 +48,7 @@ AROUND = (
     "datasets",
     "doctor",
     "families",
+    "metrics",
     "segment",
     "sensor",
     "show",

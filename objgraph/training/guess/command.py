@@ -110,7 +110,11 @@ def with_first_guess(
         draws, codes, prior.size_mean, config, cache / f"checkpoint-{_key(config)}",
         lambda step, steps, loss: tell(f"training the first guess, loss {loss:.3f}", step, steps),
     )  # fmt: skip
-    card: dict[str, object] = {"settings": asdict(config), "shapes": len(np.unique(codes, axis=0)), "scenes": len(draws)}
+    card: dict[str, object] = {
+        "settings": asdict(config),
+        "shapes": len(np.unique(codes, axis=0)),
+        "scenes": len(draws),
+    }
     if unseen:
         quality = guess_quality(
             replace(prior, guess=guess), unseen, config.seed, cache / f"heldout-{_key(unseen)}", jobs,

@@ -9,10 +9,10 @@ import torch
 
 from factors.state import ObjectState
 from objgraph.bench.comparison.objects.uncertainty import SurfaceErrors, gaussian_pearson, surface_errors
-from objgraph.bench.metrics.placed import PlacedMesh
-from objgraph.bench.metrics.shape import seen_points_on
 from objgraph.covariance.labelled import ObjectCovariance
 from objgraph.datasets.ground_truth import GroundTruth
+from objgraph.metrics.placed import PlacedMesh
+from objgraph.metrics.shape import seen_points_on
 from objgraph.priors.fallback import fallback_prior
 from tests.toys import TOY_CODE, toy_mesh, toy_prior, toy_state
 

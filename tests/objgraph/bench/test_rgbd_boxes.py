@@ -9,9 +9,9 @@ import pytest
 from objgraph.bench.comparison.boxes.rgbd import rgbd_box_report, summarize_boxes
 from objgraph.bench.comparison.objects.compare import Comparison, compare
 from objgraph.bench.comparison.objects.measure import Job, measure
-from objgraph.bench.metrics.placed import PlacedMesh
 from objgraph.cli.main import main
 from objgraph.datasets.ground_truth import AnnotatedScan, TrueBox
+from objgraph.metrics.placed import PlacedMesh
 from tests.objgraph.bench.comparison_fakes import FAST, FakeCase, FakeSource, install, row
 from tests.objgraph.datasets.dataset_folders import write_seven_scenes
 

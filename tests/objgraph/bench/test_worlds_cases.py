@@ -15,7 +15,6 @@ import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from objgraph.bench.metrics.metrics import evaluate_object
 from objgraph.bench.pictures.worlds import draw_families, draw_views
 from objgraph.bench.worlds.cases import SIZES, BenchmarkConfig, Case, synthetic_cases
 from objgraph.bench.worlds.families import FAMILIES
@@ -23,6 +22,7 @@ from objgraph.bench.worlds.viewpoints import APART, DISTANCE_M, HEIGHT_M
 from objgraph.datasets.ground_truth import AnnotatedScan, GroundTruth
 from objgraph.errors import DatasetError, PriorError
 from objgraph.maps.pipeline import scene_floor
+from objgraph.metrics.objects import evaluate_object
 from objgraph.observation.sampling import observe
 from objgraph.synthetic.sensor import SensorConfig
 from objgraph.training.meshes.index import HELDOUT_SHARE, heldout_groups, read_index

@@ -8,12 +8,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from objgraph.bench.metrics.box_error import box_error
 from objgraph.covariance.box import BoxPose, box_pose
 from objgraph.covariance.heading_modes import HeadingModes
 from objgraph.covariance.labelled import ObjectCovariance
 from objgraph.datasets.ground_truth import GroundTruth
 from objgraph.errors import CovarianceError
+from objgraph.metrics.box_error import box_error
 from tests.toys import toy_prior, toy_state
 
 SIZE = np.array([1.6, 0.7, 0.9])

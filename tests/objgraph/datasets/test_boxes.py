@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from objgraph.bench.metrics.placed import PlacedMesh
 from objgraph.datasets import load_scan, scenes
 from objgraph.datasets.boxes import read_object_boxes, true_boxes
 from objgraph.datasets.ground_truth import AnnotatedScan
 from objgraph.datasets.registry import has_boxes, load_annotated
 from objgraph.errors import DatasetError
+from objgraph.metrics.placed import PlacedMesh
 from tests.objgraph.datasets.dataset_folders import (
     camera_matrix,
     color_image,

@@ -12,7 +12,6 @@ from scipy.spatial import KDTree
 from trimesh.sample import sample_surface
 
 from factors.state import ObjectState
-from objgraph.bench.metrics.maps import ERROR_KEYS, evaluate_map
 from objgraph.datasets.ground_truth import AnnotatedScan, GroundTruth
 from objgraph.errors import ConfigError, EvaluationError, InitialisationError, ObservationError, ProcessError
 from objgraph.graph.initialise import InitialisationConfig
@@ -20,6 +19,7 @@ from objgraph.graph.solve import SolverConfig
 from objgraph.maps import pipeline as mapping
 from objgraph.maps.object_map import ObjectMap
 from objgraph.maps.pipeline import MappingConfig, map_object, map_scan, scene_points
+from objgraph.metrics.maps import ERROR_KEYS, evaluate_map
 from objgraph.observation.frames import Instance, ListedFrames, Scan
 from objgraph.observation.sampling import SamplingConfig, observe
 from objgraph.priors.registry import prior_for

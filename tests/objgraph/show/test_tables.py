@@ -11,10 +11,10 @@ from hypothesis import strategies as st
 from rich.console import Console
 from scipy.spatial.transform import Rotation
 
-from objgraph.bench.metrics.maps import MapErrors
-from objgraph.bench.metrics.tables import evaluation_summary, evaluation_table
 from objgraph.maps.mapped_object import MappedObject
 from objgraph.maps.object_map import ObjectMap
+from objgraph.metrics.maps import MapErrors
+from objgraph.metrics.tables import evaluation_summary, evaluation_table
 from objgraph.show import summary
 from objgraph.show.tables import map_table
 from objgraph.trust.verdict import Trust

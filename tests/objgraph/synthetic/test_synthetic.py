@@ -8,10 +8,10 @@ import numpy as np
 import open3d as o3d
 import pytest
 
-from objgraph.bench.metrics.metrics import evaluate_object
 from objgraph.datasets import scannet
 from objgraph.datasets.ground_truth import AnnotatedScan
 from objgraph.errors import DatasetError
+from objgraph.metrics.objects import evaluate_object
 from objgraph.synthetic import sample as sample_module
 from objgraph.synthetic.camera import CameraConfig
 from objgraph.synthetic.sample import SampleConfig, ensure_sample, generate_sample

@@ -14,7 +14,6 @@ from objgraph.bench.comparison.boxes.rows import DETECTIONS, BoxRow
 from objgraph.bench.comparison.contenders.methods import Clock, estimated, method
 from objgraph.bench.comparison.objects.config import find_prior, settings_of
 from objgraph.bench.comparison.running.store import Tell, complete, digest, plain
-from objgraph.bench.metrics.placed import PlacedMesh
 from objgraph.covariance.box import box_pose
 from objgraph.datasets.kitti import CATEGORIES, detection_ids, frames, load_frame, load_labels
 from objgraph.errors import DatasetError, EvaluationError, ObjectGraphError, ObservationError, SolveError
@@ -23,6 +22,7 @@ from objgraph.estimate.graph import GraphEstimator
 from objgraph.estimate.task import Estimate, EstimationTask, Estimator
 from objgraph.geometry.boxes import OrientedBox, box_iou
 from objgraph.maps.lidar_task import ROADS, LidarTaskConfig, task_of
+from objgraph.metrics.placed import PlacedMesh
 from objgraph.observation.lidar.frame import LidarFrame
 from objgraph.observation.lidar.observe import LidarSamplingConfig
 from objgraph.priors.mesh import extract_mesh

@@ -12,7 +12,7 @@ from objgraph.bench.comparison.writing import published
 from objgraph.bench.comparison.writing.bootstrap import LEVEL, Resamples, with_intervals
 from objgraph.bench.comparison.writing.grid import NONE, Cell, Grid, ranged
 from objgraph.bench.comparison.writing.report import Entry, Report
-from objgraph.bench.metrics.metrics import IOU_LIMIT
+from objgraph.metrics.objects import IOU_LIMIT
 
 MEASURED = (
     "of oriented boxes, the estimate's about its mesh; quality: full, or partial where the true box' sides were not all "

@@ -16,15 +16,15 @@ from objgraph.bench.comparison.objects.rows import SHARED, ObjectRow, method_and
 from objgraph.bench.comparison.objects.starts import Start, find_start
 from objgraph.bench.comparison.objects.uncertainty import surface_errors
 from objgraph.bench.comparison.running.store import plain
-from objgraph.bench.metrics.box_error import box_error
-from objgraph.bench.metrics.metrics import BoxEvaluation, Evaluation, evaluate_box, evaluate_object
-from objgraph.bench.metrics.placed import PlacedMesh
 from objgraph.covariance.box import box_pose
 from objgraph.covariance.box_modes import box_modes
 from objgraph.datasets.ground_truth import AnnotatedScan, GroundTruth, TrueBox
 from objgraph.errors import InitialisationError, ObjectGraphError, ObservationError, SolveError
 from objgraph.estimate.task import Estimate, EstimationTask
 from objgraph.maps.pipeline import scene_floor
+from objgraph.metrics.box_error import box_error
+from objgraph.metrics.objects import BoxEvaluation, Evaluation, evaluate_box, evaluate_object
+from objgraph.metrics.placed import PlacedMesh
 from objgraph.observation.frames import Frame
 from objgraph.observation.sampling import ObjectView, SamplingConfig, observe
 from objgraph.priors.mesh import extract_mesh

@@ -7,11 +7,11 @@ from jaxtyping import Float
 from scipy.stats import pearsonr, spearmanr
 
 from factors.state import ObjectState
-from objgraph.bench.metrics.placed import PlacedMesh
-from objgraph.bench.metrics.shape import seen_points_on
 from objgraph.covariance.labelled import ObjectCovariance
 from objgraph.covariance.surface import metric_sdf
 from objgraph.datasets.ground_truth import GroundTruth
+from objgraph.metrics.placed import PlacedMesh
+from objgraph.metrics.shape import seen_points_on
 from objgraph.priors.shape_prior import ShapePrior
 
 POINTS = 10_000

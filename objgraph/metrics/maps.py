@@ -8,13 +8,13 @@ from pathlib import Path
 from typing import Any
 
 from objgraph.atomic import write_file
-from objgraph.bench.metrics.metrics import Evaluation, evaluate_object
 from objgraph.datasets.ground_truth import GroundTruth
 from objgraph.errors import EvaluationError
 from objgraph.geometry.frames import transformed_back
 from objgraph.maps.files import EVALUATION
 from objgraph.maps.mapped_object import MappedObject
 from objgraph.maps.object_map import ObjectMap
+from objgraph.metrics.objects import Evaluation, evaluate_object
 
 log = logging.getLogger(__name__)
 

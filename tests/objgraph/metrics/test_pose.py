@@ -7,9 +7,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from objgraph.bench.metrics.placed import PlacedMesh
-from objgraph.bench.metrics.pose import pose_error, rotation_error
 from objgraph.errors import EvaluationError
+from objgraph.metrics.placed import PlacedMesh
+from objgraph.metrics.pose import pose_error, rotation_error
 
 BOX = trimesh.creation.box((0.6, 0.4, 0.69))
 

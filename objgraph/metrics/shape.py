@@ -6,9 +6,9 @@ from jaxtyping import Bool, Float
 from scipy import ndimage
 from scipy.spatial import cKDTree
 
-from objgraph.bench.metrics.placed import PlacedMesh
 from objgraph.errors import EvaluationError
 from objgraph.geometry.frames import transformed
+from objgraph.metrics.placed import PlacedMesh
 
 CHAMFER_POINTS = 10_000
 """Points sampled on each surface."""

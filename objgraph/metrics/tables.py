@@ -9,9 +9,9 @@ from rich.markup import escape
 from rich.table import Table
 from rich.text import Text
 
-from objgraph.bench.metrics.maps import MapErrors
-from objgraph.bench.metrics.metrics import CHAMFER_LIMIT_M, IOU_LIMIT
 from objgraph.maps.object_map import ObjectMap
+from objgraph.metrics.maps import MapErrors
+from objgraph.metrics.objects import CHAMFER_LIMIT_M, IOU_LIMIT
 from objgraph.show.tables import FALLBACK, NONE
 
 

@@ -6,10 +6,10 @@ import gtsam
 import numpy as np
 from jaxtyping import Float
 
-from objgraph.bench.metrics.placed import PlacedMesh
-from objgraph.bench.metrics.pose import CONTINUOUS, align_extents, rotation_error, rotation_y
 from objgraph.covariance.box import BoxPose
 from objgraph.datasets.ground_truth import GroundTruth
+from objgraph.metrics.placed import PlacedMesh
+from objgraph.metrics.pose import CONTINUOUS, align_extents, rotation_error, rotation_y
 
 
 @dataclass(frozen=True)

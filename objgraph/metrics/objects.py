@@ -5,11 +5,11 @@ from dataclasses import asdict, dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
-from objgraph.bench.metrics.placed import PlacedMesh
-from objgraph.bench.metrics.pose import PoseError, pose_error
-from objgraph.bench.metrics.shape import surface_errors, volume_iou
 from objgraph.datasets.ground_truth import GroundTruth
 from objgraph.geometry.boxes import box_iou
+from objgraph.metrics.placed import PlacedMesh
+from objgraph.metrics.pose import PoseError, pose_error
+from objgraph.metrics.shape import surface_errors, volume_iou
 
 TRANSLATION_LIMIT_M = 0.2
 ROTATION_LIMIT_DEG = 20.0
@@ -48,7 +48,7 @@ class Evaluation(BoxEvaluation):
     """How well one object was reconstructed."""
 
     volume_iou: float
-    """Intersection over union of the solids; see `objgraph.bench.metrics.shape.volume_iou`."""
+    """Intersection over union of the solids; see `objgraph.metrics.shape.volume_iou`."""
     chamfer_m: float
     """Mean of the two directed mean distances, world frame, 10,000 points a side."""
     recall: float

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from objgraph.bench.metrics.placed import PlacedMesh
 from objgraph.errors import EvaluationError
+from objgraph.metrics.placed import PlacedMesh
 
 CONTINUOUS = 0
 """The symmetry class of objects that look the same turned by any angle about their y axis."""

@@ -7,10 +7,10 @@ import trimesh
 from hypothesis import given
 from hypothesis import strategies as st
 
-from objgraph.bench.metrics.box_error import box_error, corners_m
 from objgraph.covariance.box import BOX_AXES, BoxPose
 from objgraph.covariance.labelled import LabelledCovariance
 from objgraph.datasets.ground_truth import GroundTruth
+from objgraph.metrics.box_error import box_error, corners_m
 
 COVARIANCE = LabelledCovariance(np.eye(9), BOX_AXES, "marginals")
 EXTENTS = np.array([0.6, 0.9, 0.5])

@@ -5,11 +5,11 @@ import pytest
 import trimesh
 from scipy.spatial.transform import Rotation
 
-from objgraph.bench.metrics.metrics import Evaluation, evaluate_object
-from objgraph.bench.metrics.placed import PlacedMesh
-from objgraph.bench.metrics.shape import seen_points_on, surface_errors, volume_iou
 from objgraph.datasets.ground_truth import GroundTruth
 from objgraph.errors import EvaluationError
+from objgraph.metrics.objects import Evaluation, evaluate_object
+from objgraph.metrics.placed import PlacedMesh
+from objgraph.metrics.shape import seen_points_on, surface_errors, volume_iou
 
 BOX = trimesh.creation.box((0.5, 0.6, 0.62))
 BALL = trimesh.creation.icosphere(subdivisions=3, radius=0.29)
