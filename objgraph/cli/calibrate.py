@@ -10,7 +10,7 @@ from rich.table import Table
 
 from objgraph.bench.comparison.objects.judged import graph_rows, judged
 from objgraph.errors import EvaluationError
-from objgraph.trust.calibration import Calibration
+from objgraph.trust.calibration import Calibration, load_calibration
 from objgraph.trust.fit import fit
 from objgraph.version import program_version
 
@@ -26,6 +26,8 @@ class CalibrateCommand:
     """Folders of `objgraph evaluate`."""
     out: Path
     """File for the calibration, which `objgraph map --calibration` takes."""
+    keep: Path | None = None
+    """An earlier calibration: what it knows of categories that the runs lack stays."""
     seed: int = 0
     """Of the folds by which held-out figures are made."""
 
@@ -35,10 +37,11 @@ def run_calibrate(command: CalibrateCommand, console: Console) -> Calibration:
 
     Raises:
         EvaluationError: a folder has no rows that can be used, or of one category several priors'.
-        CovarianceError: there are too few objects, or the file cannot be written.
+        CovarianceError: there are too few objects, the earlier calibration is none, or the file cannot be written.
     """
     if not command.runs:
         raise EvaluationError("name a folder that `objgraph evaluate` wrote")
+    earlier = None if command.keep is None else load_calibration(command.keep)
     rows = [row for folder in dict.fromkeys(command.runs) for row in graph_rows(folder)]
     priors: dict[str, str] = {}
     for row in rows:
@@ -53,6 +56,8 @@ def run_calibrate(command: CalibrateCommand, console: Console) -> Calibration:
         "folds_seed": command.seed,
     }
     calibration = fit(judged(rows), priors, made, command.seed)
+    if earlier is not None:
+        calibration = calibration.beside(earlier)
     console.print(_table(calibration))
     calibration.save(command.out)
     console.print(f"written to {command.out}: `objgraph map --calibration {command.out}` applies it")

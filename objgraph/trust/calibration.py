@@ -117,6 +117,12 @@ class Calibration:
         known = self.categories.get(category)
         return None if known is None or known.prior != prior else known
 
+    def beside(self, earlier: "Calibration") -> "Calibration":
+        """This one, and of the earlier one the categories that this one lacks; `made` says which, and how they were made."""
+        kept = {name: each for name, each in earlier.categories.items() if name not in self.categories}
+        made = {**self.made, "kept": {"categories": sorted(kept), "made": earlier.made}}
+        return Calibration({**kept, **self.categories}, made)
+
     def trust(self, category: str, prior: str, evidence: Evidence) -> Trust | None:
         """The verdict on an object; None where it knows nothing of such ones."""
         known = self.of(category, prior)

@@ -37,7 +37,7 @@ FIRST = {
     "view": ["{map} --save {new}.rrd", "{absent} --save {new}.rrd"],
     "next-view": ["{map} --out {new}", "{absent}", "{map} --cameras {file}"],
     "evaluate": ["--dataset scannet --root {absent} --out {new}", "--dataset kitti --root {folder} --json {new}.json"],
-    "calibrate": ["{absent} --out {new}.json", "{folder} --out {new}.json", "--out {new}.json"],
+    "calibrate": ["{absent} --out {new}.json", "{folder} --out {new}.json", "--out {new}.json", "{folder} --keep {file} --out {new}.json"],
     "train": ["--category nothing --meshes {absent} --out {new}"],
     "train-guess": ["--prior {absent} --out {new}.safetensors", "--prior {file} --out {new}.safetensors"],
     "convert-prior": ["--source {folder} --category sofa --out {new}.safetensors", "--source {file} --category sofa --out {new}.safetensors"],

@@ -54,6 +54,20 @@ def test_rows_become_a_calibration(tmp_path, capsys):
     assert "objgraph map --calibration" in printed
 
 
+def test_what_an_earlier_calibration_knows_of_other_categories_stays(tmp_path):
+    """And what it knows of those of the runs does not."""
+    earlier, out = tmp_path / "earlier.json", tmp_path / "c.json"
+    assert main(["calibrate", str(written(tmp_path / "run", rows())), "--out", str(earlier)]) == 0
+    chairs = [row for row in rows(200, prior="new weights", seed=8) if row.category == "chair"]
+    run = written(tmp_path / "chairs", chairs)
+    assert main(["calibrate", str(run), "--keep", str(earlier), "--out", str(out)]) == 0
+    before, known = load_calibration(earlier), load_calibration(out)
+    assert known.categories["table"] == before.categories["table"]
+    assert (known.categories["chair"].prior, known.categories["chair"].objects) == ("new weights", 100)
+    assert known.made["kept"] == {"categories": ["table"], "made": before.made}
+    assert known.made["seeds"] == [8]
+
+
 def test_what_objects_are_judged_by_is_what_the_rows_say(tmp_path):
     (row,) = rows(1)
     (each,) = judged(graph_rows(written(tmp_path, [row])))
@@ -100,6 +114,7 @@ def test_folders_and_priors_that_do_not_fit_are_told(tmp_path, capsys):
         ([str(tmp_path)], "no such file"),
         ([str(one), str(other)], "of several priors"),
         ([], "name a folder"),
+        ([str(one), "--keep", str(one / "objects.jsonl")], "no calibration of this version"),
     ):
         assert main(["calibrate", *words, "--out", str(tmp_path / "c.json")]) == 1
         assert message in capsys.readouterr().err
