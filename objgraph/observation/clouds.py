@@ -6,14 +6,17 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 from numpy.random import Generator
+from scipy.spatial import cKDTree
 
 from objgraph.geometry.frames import transformed
 from objgraph.observation.gravity_box import GravityBox, gravity_box
 from objgraph.observation.sampling import ObjectView
 
-FEATURES = 8
-"""Of each point of a cloud: place and viewing direction in the box' frame, height over the box' floor, and whether it is
-seen to be free."""
+FEATURES = 11
+"""Of each point of a cloud: place and viewing direction in the box' frame, height over the box' floor, whether it is seen to be
+free, and the surface's normal there, which a free point has none of."""
+_NEIGHBOURS = 10
+"""A normal is that of the plane through so many points."""
 
 
 @dataclass(frozen=True)
@@ -21,6 +24,8 @@ class ViewCloud:
     """Points that one view sees, in the world."""
 
     surface: Float[np.ndarray, "n 3"]
+    normals: Float[np.ndarray, "n 3"]
+    """Of the surface, towards the camera."""
     free: Float[np.ndarray, "m 3"]
     """Seen to be empty: on the rays that pass the object, as deep as it is next to them."""
     eye: Float[np.ndarray, "3"]
@@ -31,7 +36,7 @@ class ViewCloud:
 class Clouds:
     """The same points about the upright box that holds those seen, at each of some headings."""
 
-    points: Float[np.ndarray, "h p 8"]
+    points: Float[np.ndarray, "h p 11"]
     box: GravityBox
 
 
@@ -40,8 +45,22 @@ def view_cloud(view: ObjectView) -> ViewCloud:
     rays, T_world_camera = view.rays, view.T_world_camera.matrix()
     free = ~rays.hit & (rays.end > rays.depth)
     p_free = transformed(T_world_camera, rays.directions_camera[free] * rays.depth[free, None])
-    surface = view.points_world
-    return ViewCloud(surface[np.isfinite(surface).all(axis=1)], p_free, T_world_camera[:3, 3])
+    surface, eye = view.points_world, T_world_camera[:3, 3]
+    surface = surface[np.isfinite(surface).all(axis=1)]
+    return ViewCloud(surface, normals(surface, eye), p_free, eye)
+
+
+def normals(points: Float[np.ndarray, "n 3"], eye: Float[np.ndarray, "3"]) -> Float[np.ndarray, "n 3"]:
+    """Of the surface that one camera sees points of, towards it: the direction in which each point's neighbours spread least."""
+    if not len(points):
+        return np.zeros((0, 3))
+    _, near = cKDTree(points).query(points, min(_NEIGHBOURS, len(points)))
+    about = points[near.reshape(len(points), -1)]
+    about = about - about.mean(axis=1, keepdims=True)
+    _, axes = np.linalg.eigh(np.swapaxes(about, 1, 2) @ about)
+    least = axes[:, :, 0]
+    away = ((eye - points) * least).sum(axis=1, keepdims=True)
+    return np.where(away < 0, -least, least)
 
 
 def clouds(
@@ -60,19 +79,22 @@ def clouds(
     """
     p_surface = np.concatenate([view.surface for view in views])
     p_free = np.concatenate([view.free for view in views])
+    n_surface = np.concatenate([view.normals for view in views])
     eyes = [np.concatenate([np.broadcast_to(v.eye, p.shape) for v, p in pairs]) for pairs in (
         [(view, view.surface) for view in views], [(view, view.free) for view in views]
     )]  # fmt: skip
     box = gravity_box(p_surface, up_world, headings, floor)
     parts = []
-    for points, eye, count, is_free in ((p_surface, eyes[0], surface, 0.0), (p_free, eyes[1], free, 1.0)):
+    kinds = ((p_surface, n_surface, eyes[0], surface, 0.0), (p_free, np.zeros_like(p_free), eyes[1], free, 1.0))
+    for points, normal, eye, count, is_free in kinds:
         if not len(points):  # nothing free is seen: what is seen is said again
-            points, eye, is_free = p_surface, eyes[0], 0.0
+            points, normal, eye, is_free = p_surface, n_surface, eyes[0], 0.0
         some = rng.choice(len(points), count, replace=len(points) < count)
         at = (points[some] - box.centre_world[:, None]) @ box.R_world_object / unit
         along = points[some] - eye[some]
         along = along / np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-9)
         height = at[..., 1:2] + box.size[:, None, 1:2] / (2 * unit)
         which = np.full((*height.shape[:2], 1), is_free)
-        parts.append(np.concatenate([at, along @ box.R_world_object, height, which], axis=-1))
+        turned = along @ box.R_world_object, normal[some] @ box.R_world_object
+        parts.append(np.concatenate([at, turned[0], height, which, turned[1]], axis=-1))
     return Clouds(np.concatenate(parts, axis=1).astype(np.float32), box)

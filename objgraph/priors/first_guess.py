@@ -42,6 +42,8 @@ class FirstGuessConfig:
     """Of what that of places and codes does."""
     hidden: int = 256
     """Of what either knows of all points."""
+    normals: bool = False
+    """Whether it takes points' normals, and sees each heading beside its quarter turns; files of before do neither."""
 
     def __post_init__(self) -> None:
         """Raises PriorError where a number is not one of its kind."""
@@ -73,10 +75,11 @@ class FirstGuess(nn.Module):
     def __init__(self, config: FirstGuessConfig | None = None) -> None:
         super().__init__()
         self.config = config = config or FirstGuessConfig()
-        self.heading = PointNet(config.heading_width, config.hidden, 1)
-        self.place = PointNet(config.place_width, config.hidden, 2 * (PLACE + config.code_length))
+        features = FEATURES if config.normals else FEATURES - 3
+        self.heading = PointNet(features, config.heading_width, config.hidden, 1, config.normals)
+        self.place = PointNet(features, config.place_width, config.hidden, 2 * (PLACE + config.code_length))
 
-    def forward(self, points: Float[Tensor, "b h p 8"], size: Float[Tensor, "b h 3"]) -> Guesses:
+    def forward(self, points: Float[Tensor, "b h p 11"], size: Float[Tensor, "b h 3"]) -> Guesses:
         """Of points in the frames of their seen boxes at each heading, and the boxes' edges, in units."""
         logits = self.heading(points, size)[..., 0]
         return Guesses(logits.log_softmax(dim=-1), *gaussian(self.place(points, size)))
@@ -85,19 +88,28 @@ class FirstGuess(nn.Module):
 class PointNet(nn.Module):
     """Of sets of points and the edges of their boxes, some numbers."""
 
-    def __init__(self, width: int, hidden: int, out: int) -> None:
+    def __init__(self, features: int, width: int, hidden: int, out: int, quarters: bool = False) -> None:
         super().__init__()
+        self.features = features
         self.each = nn.Sequential(
-            nn.Linear(FEATURES, width // 4), nn.ReLU(), nn.Linear(width // 4, width // 2), nn.ReLU(),
+            nn.Linear(features, width // 4), nn.ReLU(), nn.Linear(width // 4, width // 2), nn.ReLU(),
             nn.Linear(width // 2, width), nn.ReLU(),
         )  # fmt: skip
+        known = 2 * width + 3
+        self.one = nn.Sequential(nn.Linear(known, hidden), nn.ReLU()) if quarters else None
         self.all = nn.Sequential(
-            nn.Linear(2 * width + 3, hidden), nn.ReLU(), nn.Linear(hidden, hidden), nn.ReLU(), nn.Linear(hidden, out)
+            nn.Linear(4 * hidden if quarters else known, hidden), nn.ReLU(), nn.Linear(hidden, hidden), nn.ReLU(),
+            nn.Linear(hidden, out),
         )  # fmt: skip
 
-    def forward(self, points: Float[Tensor, "*b p 8"], size: Float[Tensor, "*b 3"]) -> Float[Tensor, "*b o"]:
-        each = self.each(points)
+    def forward(self, points: Float[Tensor, "*b p 11"], size: Float[Tensor, "*b 3"]) -> Float[Tensor, "*b o"]:
+        """Where it looks at quarter turns the last of `*b` are headings all around."""
+        each = self.each(points[..., : self.features])
         seen = torch.cat([each.amax(dim=-2), each.mean(dim=-2), size.log().to(each.dtype)], dim=-1)
+        if self.one is not None:
+            quarter = points.shape[-3] // 4
+            seen = self.one(seen)
+            seen = torch.cat([seen.roll(-k * quarter, dims=-2) for k in range(4)], dim=-1)
         return self.all(seen).float()
 
 

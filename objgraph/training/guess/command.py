@@ -2,7 +2,7 @@
 
 import hashlib
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +12,7 @@ from objgraph.errors import ConfigError, PriorError
 from objgraph.priors.registry import load_prior
 from objgraph.priors.shape_prior import ShapePrior
 from objgraph.priors.store import digest, save_prior
-from objgraph.training.guess.data import Shape, draw_all
+from objgraph.training.guess.data import Draws, Shape, draw_all
 from objgraph.training.guess.scenes import VIEWS, SceneConfig
 from objgraph.training.guess.shapes import known_shapes, random_shapes
 from objgraph.training.guess.train import GuessQuality, TrainGuessConfig, measure_guess, train_guess
@@ -101,7 +101,8 @@ def with_first_guess(
     codes = np.array([shape.code for shape in drawn])
     made = [(shape.extents.tobytes(), shape.mesh is None) for shape in drawn]
     settings = digest(dict(prior.decoder.state_dict())), codes.tobytes(), made, config.seed
-    cache = work / _key(*settings, SceneConfig())
+    kept = [each.name for each in fields(Draws)]
+    cache = work / _key(*settings, SceneConfig(), kept)
     draws = draw_all(
         drawn, prior, 1, SceneConfig(), config.seed, cache / "training", jobs,
         lambda done, total: tell("drawing scenes", done, total),

@@ -58,6 +58,7 @@ class Draws:
     """What was seen of some objects, each in three views at most."""
 
     surface: Float[np.ndarray, "n v p 3"]
+    normal: Float[np.ndarray, "n v p 3"]
     free: Float[np.ndarray, "n v q 3"]
     eye: Float[np.ndarray, "n v 3"]
     views: np.ndarray
@@ -79,7 +80,7 @@ class Draws:
 class Batch:
     """What the network is given, and what it should say."""
 
-    points: Float[torch.Tensor, "b h p 8"]
+    points: Float[torch.Tensor, "b h p 11"]
     size: Float[torch.Tensor, "b h 3"]
     weight: Float[torch.Tensor, "b h"]
     """How good each heading is; sums to one."""
@@ -162,7 +163,7 @@ def varied(rng: Generator) -> Callable[[Draws, int], Look]:
 
 
 def _clouds(draws: Draws, i: int, views: Iterable[int], mirror: Float[np.ndarray, "4 4"]) -> list[ViewCloud]:
-    arrays = draws.surface, draws.free, draws.eye
+    arrays = draws.surface, draws.normal, draws.free, draws.eye
     return [ViewCloud(*(array[i, k].astype(float) @ mirror[:3, :3] for array in arrays)) for k in views]
 
 
@@ -239,17 +240,23 @@ def _drawn(
 
 def _row(seen: SeenObject, mesh: trimesh.Trimesh, rng: Generator) -> dict[str, np.ndarray]:
     views = [view_cloud(view) for view in seen.views]
-    surface, free, eye = (np.zeros((VIEWS, n, 3), np.float16) for n in (_SURFACE, _FREE, 1))
+    surface, normal, free, eye = (np.zeros((VIEWS, n, 3), np.float16) for n in (_SURFACE, _SURFACE, _FREE, 1))
     for k, view in enumerate(views):
-        for array, points in ((surface, view.surface), (free, view.free)):
-            points = points if len(points) else view.surface
-            array[k] = points[rng.choice(len(points), array.shape[1], replace=len(points) < array.shape[1])]
+        some = _some(len(view.surface), _SURFACE, rng)
+        surface[k], normal[k] = view.surface[some], view.normals[some]
+        points = view.free if len(view.free) else view.surface
+        free[k] = points[_some(len(points), _FREE, rng)]
         eye[k] = view.eye
     return {
-        "surface": surface, "free": free, "eye": eye[:, 0], "views": np.array(len(views)),
+        "surface": surface, "normal": normal, "free": free, "eye": eye[:, 0], "views": np.array(len(views)),
         "floor": np.array(np.nan if seen.floor is None else seen.floor), "T_world_object": seen.T_world_object,
         "log_scale": np.log(seen.scale), "turned": turn_distances(mesh, seen.scale),
     }  # fmt: skip
+
+
+def _some(there: int, count: int, rng: Generator) -> np.ndarray:
+    """Which points are kept; some of them more than once where there are too few."""
+    return rng.choice(there, count, replace=there < count)
 
 
 def turn_distances(mesh: trimesh.Trimesh, scale: Float[np.ndarray, "3"]) -> Float[np.ndarray, "16"]:

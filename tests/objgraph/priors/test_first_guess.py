@@ -1,5 +1,7 @@
 """The first guess network: frames of the headings it looks at, which of them are one, and what turning the object does."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
@@ -10,11 +12,13 @@ from numpy.testing import assert_allclose
 from objgraph.errors import PriorError
 from objgraph.geometry.frames import upright_axes
 from objgraph.observation.gravity_box import GravityBox
+from objgraph.observation.clouds import FEATURES
 from objgraph.priors.first_guess import FirstGuess, FirstGuessConfig, modes, place_in, placed
 
 SMALL = FirstGuessConfig(
     code_length=4, headings=8, surface=20, free=10, heading_width=16, place_width=16, hidden=16
 )
+KINDS = [SMALL, replace(SMALL, normals=True)]
 UP = np.array([0.1, -0.3, 1.0])
 angles = st.floats(-np.pi, np.pi)
 
@@ -59,10 +63,11 @@ def test_every_heading_is_of_one_mode(count: int, seed: int) -> None:
     assert min(p[heading] - chance for heading, chance in found) <= 1e-12
 
 
-def test_looking_from_another_heading_on_says_the_same_of_each() -> None:
+@pytest.mark.parametrize("config", KINDS)
+def test_looking_from_another_heading_on_says_the_same_of_each(config: FirstGuessConfig) -> None:
     torch.manual_seed(0)
-    network, rng = FirstGuess(SMALL), np.random.default_rng(0)
-    points = torch.from_numpy(rng.normal(size=(1, 8, 30, 8))).float()
+    network, rng = FirstGuess(config), np.random.default_rng(0)
+    points = torch.from_numpy(rng.normal(size=(1, 8, 30, FEATURES))).float()
     size = torch.from_numpy(rng.uniform(0.5, 1, (1, 8, 3))).float()
     with torch.no_grad():
         first, turned = network(points, size), network(points.roll(3, dims=1), size.roll(3, dims=1))
@@ -71,12 +76,24 @@ def test_looking_from_another_heading_on_says_the_same_of_each() -> None:
     assert_allclose(first.log_probability.exp().sum(), 1.0, atol=1e-6)
 
 
-def test_the_order_of_points_says_nothing() -> None:
-    network, rng = FirstGuess(SMALL), np.random.default_rng(1)
-    points = torch.from_numpy(rng.normal(size=(1, 8, 30, 8))).float()
+@pytest.mark.parametrize("config", KINDS)
+def test_the_order_of_points_says_nothing(config: FirstGuessConfig) -> None:
+    network, rng = FirstGuess(config), np.random.default_rng(1)
+    points = torch.from_numpy(rng.normal(size=(1, 8, 30, FEATURES))).float()
     with torch.no_grad():
         mixed = network(points[:, :, torch.from_numpy(rng.permutation(30))], torch.ones(1, 8, 3))
-        assert_allclose(mixed.mean, network(points, torch.ones(1, 8, 3)).mean, atol=1e-5)
+        given = network(points, torch.ones(1, 8, 3))
+    assert_allclose(mixed.mean, given.mean, atol=1e-5)
+    assert_allclose(mixed.log_probability, given.log_probability, atol=1e-5)
+
+
+def test_a_heading_is_seen_beside_its_quarter_turns_and_no_others() -> None:
+    torch.manual_seed(0)
+    network, rng = FirstGuess(KINDS[1]), np.random.default_rng(2)
+    points = torch.from_numpy(rng.normal(size=(1, 8, 30, FEATURES))).float().requires_grad_()
+    network.heading(points, torch.ones(1, 8, 3))[0, 1, 0].backward()
+    assert points.grad is not None
+    assert points.grad[0].abs().sum(dim=(1, 2)).nonzero().ravel().tolist() == [1, 3, 5, 7]
 
 
 def test_headings_are_sixteenths_of_a_turn_or_twice_or_four_times_as_many() -> None:

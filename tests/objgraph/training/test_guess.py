@@ -121,8 +121,10 @@ def test_what_is_seen_in_a_mirror_is_of_the_mirrored_object() -> None:
     p_object = rng.normal(size=(1, 1, 30, 3))
     p_world = p_object @ T[:3, :3].T + T[:3, 3]
     turned = np.arange(16.0)[None]
+    n_world = p_object @ T[:3, :3].T
     one = Draws(
-        p_world, p_world, p_world[:, :, 0], np.array([1]), np.zeros(1), T[None], np.zeros((1, 3)), turned, np.zeros(1)
+        p_world, n_world, p_world, p_world[:, :, 0], np.array([1]), np.zeros(1), T[None], np.zeros((1, 3)), turned,
+        np.zeros(1),
     )  # fmt: skip
     found = set()
     for seed in range(8):
@@ -131,6 +133,7 @@ def test_what_is_seen_in_a_mirror_is_of_the_mirrored_object() -> None:
         p_seen = (view.surface - T_seen[:3, 3]) @ T_seen[:3, :3]
         mirrored = not np.allclose(p_seen, p_object[0, 0])
         assert_allclose(p_seen, p_object[0, 0] * [-1 if mirrored else 1, 1, 1], atol=1e-9)
+        assert_allclose(view.normals @ T_seen[:3, :3], p_seen, atol=1e-9)
         assert np.linalg.det(T_seen[:3, :3]) == pytest.approx(1.0)
         assert turned_seen[1] == (15 if mirrored else 1)
         assert turned_seen[0] == 0
