@@ -121,7 +121,10 @@ class _Attempts:
     def choose(self, headings: HeadingModesConfig | None) -> None:
         """Go on with all points from the likeliest, by what it costs and by the first guess, and say how likely other
         headings are."""
-        temperature = (headings or HeadingModesConfig()).temperature
+        guess = self.task.prior.guess
+        temperature = (
+            (headings or HeadingModesConfig()).temperature if guess is None else guess.config.temperature
+        )
         unlikely = -temperature * np.log(self.task.chances or np.ones(len(self.tried)))
         costs = [
             single.cost + more if single.failure is None else np.inf

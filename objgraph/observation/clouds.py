@@ -85,7 +85,10 @@ def clouds(
     )]  # fmt: skip
     box = gravity_box(p_surface, up_world, headings, floor)
     parts = []
-    kinds = ((p_surface, n_surface, eyes[0], surface, 0.0), (p_free, np.zeros_like(p_free), eyes[1], free, 1.0))
+    kinds = (
+        (p_surface, n_surface, eyes[0], surface, 0.0),
+        (p_free, np.zeros_like(p_free), eyes[1], free, 1.0),
+    )
     for points, normal, eye, count, is_free in kinds:
         if not len(points):  # nothing free is seen: what is seen is said again
             points, normal, eye, is_free = p_surface, n_surface, eyes[0], 0.0

@@ -44,12 +44,15 @@ class FirstGuessConfig:
     """Of what either knows of all points."""
     normals: bool = False
     """Whether it takes points' normals, and sees each heading beside its quarter turns; files of before do neither."""
+    temperature: float = 5.0
+    """Cost of the graph that counts as one nat beside its probabilities: costs are weighted energy scores, no log-likelihoods."""
 
     def __post_init__(self) -> None:
         """Raises PriorError where a number is not one of its kind."""
         some, wide = checks.Range(1), checks.Range(4)
         checks.settings(
-            self, PriorError, code_length=some, surface=some, free=some, heading_width=wide, place_width=wide, hidden=some
+            self, PriorError, code_length=some, surface=some, free=some, heading_width=wide, place_width=wide, hidden=some,
+            temperature=checks.POSITIVE,
         )  # fmt: skip
         if self.headings not in (4, 8, 16):
             raise PriorError(f"a first guess looks at 4, 8 or 16 headings, not {self.headings!r}")

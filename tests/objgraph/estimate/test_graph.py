@@ -12,6 +12,7 @@ from objgraph.errors import SolveError
 from objgraph.estimate.graph import GraphEstimator
 from objgraph.estimate.task import Estimate
 from objgraph.graph.solve import Problem, SolverConfig
+from objgraph.priors.first_guess import FirstGuess, FirstGuessConfig
 from tests.objgraph.estimate.adam_cases import OFF, pose_error, task
 from tests.toys import toy_state
 
@@ -28,6 +29,9 @@ def test_the_cheapest_start_is_kept_wherever_it_stands(starts: tuple[ObjectState
     (found,) = GraphEstimator(solver=QUICK).estimate([task(starts=starts)])
     assert isinstance(found, Estimate)
     assert pose_error(found.state) < 0.03
+
+
+TINY = FirstGuessConfig(code_length=1, heading_width=4, place_width=4, hidden=4)
 
 
 @pytest.mark.parametrize("chances", [(0.5, 0.5), ()])
@@ -105,3 +109,17 @@ def test_the_headings_of_a_first_guess_are_the_modes():
     (single,) = GraphEstimator(solver=QUICK, heading_modes=None).estimate([given])
     assert isinstance(single, Estimate)
     assert single.turns is None
+
+
+def test_how_much_a_cost_says_beside_a_first_guess_is_the_guess_s_own():
+    given = task(starts=(NEAR, BACK), chances=(0.5, 0.5))
+    log_odds = []
+    for temperature in (10.0, 40.0):
+        guess = FirstGuess(replace(TINY, temperature=temperature))
+        told = replace(given, prior=replace(given.prior, guess=guess))
+        (found,) = GraphEstimator(solver=QUICK).estimate([told])
+        assert isinstance(found, Estimate)
+        assert found.turns is not None
+        log_odds.append(np.log(found.turns.probability[0] / found.turns.probability[2]))
+    assert log_odds[0] == pytest.approx(4 * log_odds[1], rel=1e-6)
+    assert log_odds[1] > 0.1

@@ -11,8 +11,8 @@ from numpy.testing import assert_allclose
 
 from objgraph.errors import PriorError
 from objgraph.geometry.frames import upright_axes
-from objgraph.observation.gravity_box import GravityBox
 from objgraph.observation.clouds import FEATURES
+from objgraph.observation.gravity_box import GravityBox
 from objgraph.priors.first_guess import FirstGuess, FirstGuessConfig, modes, place_in, placed
 
 SMALL = FirstGuessConfig(
