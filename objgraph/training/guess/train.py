@@ -24,7 +24,9 @@ _AT_ONCE = 8
 class TrainGuessConfig:
     """How a first guess is trained."""
 
-    network: FirstGuessConfig = field(default_factory=lambda: FirstGuessConfig(normals=True, temperature=30.0))
+    network: FirstGuessConfig = field(
+        default_factory=lambda: FirstGuessConfig(normals=True, temperature=30.0)
+    )
     """Its size; the length of codes is the decoder's."""
     scenes: int = 7000
     """Rendered scenes that it learns from, evenly of all training shapes."""
