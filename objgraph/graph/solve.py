@@ -6,7 +6,7 @@ Marquardt's method", 1999).
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import gtsam
 import numpy as np
@@ -141,11 +141,17 @@ def solve(
     for problem in active:
         if _guarded(problem, lambda p: p.refresh(last)):
             _still_falling(problem, best, config)
+    unmoved: list[Problem] = []
     for problem in problems:
         if id(problem) in best:
             start = (problem.cost_initial, starts[id(problem)])
             problem.cost, problem.values = min(best[id(problem)], start, key=lambda each: each[0])
-            _guarded(problem, lambda p: p.settle(last))
+            if len(config.slopes) > 1 and problem.values is start[1]:
+                unmoved.append(problem)
+            else:
+                _guarded(problem, lambda p: p.settle(last))
+    if unmoved:  # the coarse slopes led away from a start that is better: it is no minimum yet
+        solve(unmoved, replace(config, slopes=(last,)))
 
 
 def _begin(problem: Problem, slope: float) -> None:
