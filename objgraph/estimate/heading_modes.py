@@ -41,7 +41,7 @@ class HeadingModesConfig:
     temperature: float = 5.0
     """Cost that counts as one nat. Costs are weighted energy scores, no log-likelihoods, and what the prior cannot make tells
     headings apart by chance, as noise does not: the likeliest on development objects (docs/decisions/2026-11-covariances.md). A turn that
-    costs less by less than this is not taken."""
+    costs less by less than this is not taken. Headings that a first guess proposes have the guess's own (`FirstGuessConfig.temperature`)."""
 
     def __post_init__(self) -> None:
         """Raises ConfigError where a number is not one of its kind."""
