@@ -1,102 +1,23 @@
-"""The lockstep Levenberg-Marquardt: GTSAM's own minima, each problem for itself, and failures that stay where they are."""
+"""The lockstep Levenberg-Marquardt: GTSAM's own minima, each problem for itself, rounds and what is kept of them."""
 
 from dataclasses import replace
 
 import gtsam
 import numpy as np
 import pytest
-import torch
-from gtsam.symbol_shorthand import L, X
+from gtsam.symbol_shorthand import X
 
-from factors.base import Annealing
-from factors.priors import code_prior, scale_prior, upright_prior
-from factors.reduce import guarded_factor
 from factors.state import ObjectKeys, ObjectState
-from factors.surface import SurfaceFactor
-from objgraph.errors import SolveError
-from objgraph.graph.builder import ObjectBuilder
 from objgraph.graph.solve import LevenbergMarquardtConfig, Problem, SolverConfig, minimize, solve
-from objgraph.observation.sampling import SamplingConfig, observe
-from tests.toys import TOY_CODE, ToyDecoder, toy_frame, toy_prior, toy_state
-
-UP = np.array([0.0, 0.0, 1.0])
-OFF = np.array([0.05, -0.08, 0.03, 0.02, -0.03, 0.02, 0.05, -0.05, 0.03, -0.3, 0.3, -0.2, 0.1])
-"""A start: degrees, centimetres and some code away from the truth."""
-TIGHT = LevenbergMarquardtConfig(iterations=200, relative_tolerance=1e-10)
-SHORT = SolverConfig(slopes=(60.0, 200.0), rounds=4, inner=LevenbergMarquardtConfig(iterations=3))
-
-
-class EggDecoder(ToyDecoder):
-    """An ellipsoid: smooth, so that two solvers must meet in one point."""
-
-    def _network(self, points, injected):
-        code = injected["0"]
-        stretched = points * (1 + 0.1 * code[:, :3]) * torch.tensor([1.0, 0.7, 1.4], dtype=points.dtype)
-        return (stretched.square().sum(dim=1) + 1e-6).sqrt() - 0.3 - 0.02 * code[:, 3]
-
-
-class FragileDecoder(ToyDecoder):
-    """Answers NaN once `broken` is set."""
-
-    broken = False
-
-    def _network(self, points, injected):
-        return super()._network(points, injected) * (np.nan if self.broken else 1.0)
-
-
-def egg_problem() -> Problem:
-    rng = np.random.default_rng(0)
-    direction = rng.normal(size=(300, 3))
-    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
-    state = ObjectState(gtsam.Pose3(gtsam.Rot3.Rx(np.pi / 2), np.zeros(3)), np.zeros(3), np.zeros(4))
-    points = state.to_world(0.3 * direction / [1.0, 0.7, 1.4]) + rng.normal(size=(300, 3)) * 0.003
-    keys, graph, values = ObjectKeys.numbered(0), gtsam.NonlinearFactorGraph(), gtsam.Values()
-    factor = SurfaceFactor(keys, EggDecoder().double(), gtsam.Pose3(), points, np.full(300, 0.003))
-    for part in (
-        factor.gtsam_factor(),
-        code_prior(keys, np.zeros(4), np.eye(4)),
-        scale_prior(keys, 0.0, 0.3, 0.1),
-        upright_prior(keys, UP, 0.03),
-    ):
-        graph.push_back(part)
-    state.retract(OFF).insert(values, keys)
-    factor.refresh(values, Annealing())
-    return Problem("egg", graph, values, [factor])
-
-
-def pose_graph(measured: float = 1.0, prior: bool = True) -> Problem:
-    """A square of poses that closes badly, with a landmark seen from two corners."""
-    graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
-    noise = gtsam.noiseModel.Diagonal.Sigmas([0.01, 0.02, 0.03, 0.1, 0.2, 0.3])
-    if prior:
-        graph.push_back(gtsam.PriorFactorPose3(X(0), gtsam.Pose3(), noise))
-    corner = gtsam.Pose3(gtsam.Rot3.Rz(np.pi / 2), np.array([measured, 0.05, -0.02]))
-    for i in range(4):
-        graph.push_back(gtsam.BetweenFactorPose3(X(i), X((i + 1) % 4), corner, noise))
-        values.insert(
-            X(i), gtsam.Pose3(gtsam.Rot3.RzRyRx(0.1, -0.2, 1.4 * i), np.array([0.3 * i, 0.5, -0.2]))
-        )
-    sight = gtsam.noiseModel.Diagonal.Sigmas([0.01, 0.02, 0.05])
-    for i in (0, 2):
-        bearing = gtsam.Unit3(np.array([1.0, 0.4, 0.2]))
-        graph.push_back(gtsam.BearingRangeFactor3D(X(i), L(0), bearing, 0.8, sight))
-    values.insert(L(0), np.array([0.7, 0.6, 0.1]))
-    return Problem("square", graph, values, [])
-
-
-def chair_problem(heading: float = 0.4, decoder: ToyDecoder | None = None) -> Problem:
-    state, sampling = toy_state(heading), SamplingConfig(points=80, hits=40, free=40)
-    views = [
-        observe(toy_frame([state], azimuth, seed=i), 1, sampling) for i, azimuth in enumerate((0.3, 2.0))
-    ]
-    wide = 4.5 * np.eye(TOY_CODE)
-    prior = replace(toy_prior(), decoder=decoder or ToyDecoder().double(), code_covariance=wide)
-    return ObjectBuilder(up_world=UP).alone(prior, state.retract(OFF), views)
-
-
-def difference(a: gtsam.Values, b: gtsam.Values) -> float:
-    delta = a.localCoordinates(b)
-    return max(np.abs(delta.at(key)).max() for key in list(a.keys()))
+from tests.objgraph.graph.solve_cases import (
+    SHORT,
+    TIGHT,
+    chair_problem,
+    difference,
+    egg_problem,
+    pose_graph,
+)
+from tests.toys import ToyDecoder
 
 
 def stock(problem: Problem) -> gtsam.Values:
@@ -186,118 +107,6 @@ def test_in_lockstep_each_is_solved_as_if_alone():
         assert difference(a.values, b.values) < 1e-6
         assert (a.linearizations, a.error_evaluations) == (b.linearizations, b.error_evaluations)
         assert a.failure is None
-
-
-def nan_decoder() -> Problem:
-    decoder = FragileDecoder().double()
-    decoder.broken = True
-    return chair_problem(1.0, decoder)
-
-
-class RaisingDecoder(ToyDecoder):
-    """Can be asked so often and then no more."""
-
-    left = 0
-
-    def _network(self, points, injected):
-        self.left -= 1
-        if self.left < 0:
-            raise RuntimeError("this decoder is broken")
-        return super()._network(points, injected)
-
-
-def raising_decoder(left: int = 0) -> Problem:
-    decoder = RaisingDecoder().double()
-    decoder.left = left
-    return chair_problem(1.0, decoder)
-
-
-def nan_measurement() -> Problem:
-    return pose_graph(measured=np.nan)
-
-
-def missing_value() -> Problem:
-    problem = pose_graph()
-    problem.values.erase(X(2))
-    return problem
-
-
-def nan_state() -> Problem:
-    problem = chair_problem(1.0)
-    problem.values.update(ObjectKeys.numbered(0).code, np.full(4, np.nan))
-    return problem
-
-
-@pytest.mark.parametrize("bad", [nan_decoder, raising_decoder, nan_measurement, missing_value, nan_state])
-def test_a_failing_problem_leaves_the_others_alone(bad):
-    alone, beside, failing = chair_problem(), chair_problem(), bad()
-    solve([alone], SHORT)
-    solve([failing, beside, pose_graph()], SHORT)
-    assert failing.failure
-    assert beside.failure is None
-    assert beside.cost == pytest.approx(alone.cost, rel=1e-9)
-    assert difference(beside.values, alone.values) < 1e-9
-
-
-@pytest.mark.parametrize("left", range(1, 40, 2))
-def test_a_decoder_that_raises_on_the_way_stops_its_own_problem_alone(left):
-    """Wherever it happens: while samples are drawn, or where all problems decode together."""
-    alone, beside, failing = chair_problem(), chair_problem(), raising_decoder(left)
-    solve([alone], SHORT)
-    solve([failing, beside], SHORT)
-    assert failing.failure == "this decoder is broken"
-    assert beside.failure is None
-    assert beside.cost == pytest.approx(alone.cost, rel=1e-9)
-
-
-@pytest.mark.parametrize("bad", [nan_decoder, nan_measurement, missing_value])
-def test_minimize_raises_and_names_the_problem(bad):
-    problem = bad()
-    with pytest.raises(SolveError, match=problem.name):
-        minimize(problem)
-
-
-@pytest.mark.parametrize("rounds", [1, 2, 3])
-def test_after_a_late_failure_the_last_good_values_stand(rounds):
-    """A decoder that breaks on the way stops its own object, whichever round it is in."""
-    decoder = FragileDecoder().double()
-    problem, beside, alone = chair_problem(decoder=decoder), chair_problem(2.0), chair_problem(2.0)
-    problem.refresh(200.0)
-    start = problem.graph.error(problem.values)
-
-    def breaks(done, _):
-        decoder.broken = done >= rounds
-
-    solve([problem, beside], SHORT, breaks)
-    solve([alone], SHORT)
-    assert problem.failure
-    assert beside.failure is None
-    assert beside.cost == pytest.approx(alone.cost, rel=1e-9)
-    decoder.broken = False
-    problem.refresh(200.0)
-    assert problem.graph.error(problem.values) < 0.7 * start
-
-
-def logarithm() -> Problem:
-    """One number of which the logarithm is measured: the first full step leads to where there is none."""
-    key, graph, values = L(0), gtsam.NonlinearFactorGraph(), gtsam.Values()
-
-    def evaluate(values: gtsam.Values, jacobian: bool):
-        (x,) = values.atVector(key)
-        with np.errstate(invalid="ignore"):
-            residual = np.array([np.log(x) - np.log(0.01)])
-        return residual, [np.array([[1 / x]])] if jacobian else None
-
-    graph.push_back(guarded_factor([key], [1], 1, evaluate, "Logarithm"))
-    values.insert(key, np.array([3.0]))
-    return Problem("logarithm", graph, values, [])
-
-
-def test_a_step_to_where_nothing_is_finite_is_taken_back_and_a_shorter_one_is_tried():
-    problem = logarithm()
-    minimize(problem, TIGHT)
-    assert problem.failure is None
-    assert problem.values.atVector(L(0))[0] == pytest.approx(0.01)
 
 
 @pytest.mark.parametrize("seed", range(6))
