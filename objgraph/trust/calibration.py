@@ -118,10 +118,15 @@ class Calibration:
         return None if known is None or known.prior != prior else known
 
     def beside(self, earlier: "Calibration") -> "Calibration":
-        """This one, and of the earlier one the categories that this one lacks; `made` says which, and how they were made."""
+        """This one, and of the earlier one the categories that this one lacks; `made["kept"]` says how each of these was made."""
         kept = {name: each for name, each in earlier.categories.items() if name not in self.categories}
-        made = {**self.made, "kept": {"categories": sorted(kept), "made": earlier.made}}
-        return Calibration({**kept, **self.categories}, made)
+        own, fits = set(kept), []
+        for fit in earlier.made.get("kept", []):
+            own -= set(fit["categories"])
+            fits.append((kept.keys() & set(fit["categories"]), fit["made"]))
+        fits.insert(0, (own, {name: said for name, said in earlier.made.items() if name != "kept"}))
+        of_kept = [{"categories": sorted(names), "made": made} for names, made in fits if names]
+        return Calibration({**kept, **self.categories}, {**self.made, "kept": of_kept})
 
     def trust(self, category: str, prior: str, evidence: Evidence) -> Trust | None:
         """The verdict on an object; None where it knows nothing of such ones."""

@@ -12,7 +12,7 @@ from objgraph.bench.comparison.objects.judged import graph_rows, judged
 from objgraph.bench.comparison.objects.rows import ObjectRow
 from objgraph.bench.comparison.objects.tables import calibration_tables
 from objgraph.cli.main import main
-from objgraph.trust.calibration import load_calibration
+from objgraph.trust.calibration import Calibration, load_calibration, shipped_calibration
 from tests.objgraph.trust.calibrations import objects
 
 
@@ -64,8 +64,27 @@ def test_what_an_earlier_calibration_knows_of_other_categories_stays(tmp_path):
     before, known = load_calibration(earlier), load_calibration(out)
     assert known.categories["table"] == before.categories["table"]
     assert (known.categories["chair"].prior, known.categories["chair"].objects) == ("new weights", 100)
-    assert known.made["kept"] == {"categories": ["table"], "made": before.made}
+    assert known.made["kept"] == [{"categories": ["table"], "made": before.made}]
     assert known.made["seeds"] == [8]
+
+
+def test_of_what_an_earlier_calibration_kept_it_says_how_each_was_made(tmp_path):
+    """And of fits of which nothing is left it says nothing."""
+    any_of = shipped_calibration().categories["chair"]
+    both = Calibration({"chair": any_of, "table": any_of}, {"seeds": [7]})
+    chairs = Calibration({"chair": any_of}, {"seeds": [8]})
+    tables = Calibration({"table": any_of}, {"seeds": [9]})
+    sofas = Calibration({"sofa": any_of}, {"seeds": [10]})
+    second = chairs.beside(both)
+    assert second.made["kept"] == [{"categories": ["table"], "made": both.made}]
+    assert tables.beside(second).made["kept"] == [{"categories": ["chair"], "made": {"seeds": [8]}}]
+    assert sofas.beside(second).made == {
+        "seeds": [10],
+        "kept": [
+            {"categories": ["chair"], "made": {"seeds": [8]}},
+            {"categories": ["table"], "made": both.made},
+        ],
+    }
 
 
 def test_what_objects_are_judged_by_is_what_the_rows_say(tmp_path):
