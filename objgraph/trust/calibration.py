@@ -29,6 +29,8 @@ _LEAST_LOG_ODDS = 0.7
 """Evidence that halves the odds is worth a word."""
 _ALMOST = 1e-3
 """No verdict is surer than the objects behind it can show."""
+_FARTHEST = 4.0
+"""Deviations from the usual: no line in the evidence is known beyond."""
 _SAID = {
     "seen": "little of its surface is seen",
     "heading": "two headings fit",
@@ -38,6 +40,15 @@ _SAID = {
     "through": "it stands where views saw past it",
     "size": "its size is unusual",
 }
+
+
+def deviations(
+    given: Float[np.ndarray, "*n"] | float,
+    mean: Float[np.ndarray, "*n"] | float,
+    spread: Float[np.ndarray, "*n"] | float,
+) -> Float[np.ndarray, "*n"]:
+    """How far evidence is from the usual; no farther than objects are of which anything is known."""
+    return np.clip((np.asarray(given) - mean) / spread, -_FARTHEST, _FARTHEST)
 
 
 @dataclass(frozen=True)
@@ -101,7 +112,7 @@ class CategoryCalibration:
 
     def _z(self, evidence: Evidence) -> dict[str, float]:
         given = evidence.to_json()
-        return {name: (given[name] - self.mean[name]) / self.spread[name] for name in NAMES}
+        return {name: float(deviations(given[name], self.mean[name], self.spread[name])) for name in NAMES}
 
 
 @dataclass(frozen=True)

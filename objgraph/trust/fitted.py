@@ -11,7 +11,7 @@ from scipy.optimize import minimize
 from objgraph.covariance.box_modes import EVERY_AXIS, HEADING_AXIS, factor_needed
 from objgraph.covariance.quantile import squared_limit
 from objgraph.covariance.sides import SideMisfit
-from objgraph.trust.calibration import LEVELS, QUANTITIES
+from objgraph.trust.calibration import LEVELS, QUANTITIES, deviations
 from objgraph.trust.evidence import NAMES, Evidence
 from objgraph.trust.regression import conformal, least_squares, log_odds, stacked
 
@@ -64,7 +64,9 @@ class Table:
         self.mean, spread = given.mean(axis=0), given.std(axis=0)
         # what is the same for all, as a guess where there is none, tells nothing of how far another may be off it
         self.spread = np.where(spread > _CONSTANT, spread, 1.0)
-        self.X = np.concatenate([np.ones((len(objects), 1)), (given - self.mean) / self.spread], axis=1)
+        self.X = np.concatenate(
+            [np.ones((len(objects), 1)), deviations(given, self.mean, self.spread)], axis=1
+        )
         self.pose = np.array([each.pose_right for each in objects], float)
         self.shape = np.array([each.shape_right for each in objects], float)
         self.modes = [each.modes for each in objects]

@@ -64,6 +64,16 @@ def test_a_box_is_widened_by_its_sides_and_by_what_its_evidence_lets_expect():
     assert trust.widening["surface"] == pytest.approx({"50": factor / 3, "90": factor * 2 / 3, "95": factor})
 
 
+def test_evidence_beyond_all_that_was_seen_says_no_more():
+    """Four deviations are the most: a line that was fitted within them is not drawn on without end."""
+    of = calibration().categories["chair"]
+    at, beyond = (replace(EVIDENCE, seen=of.mean["seen"] + k * of.spread["seen"]) for k in (4.0, 40.0))
+    less = replace(EVIDENCE, seen=of.mean["seen"] + 3.9 * of.spread["seen"])
+    assert of.trust(beyond, "").pose == pytest.approx(of.trust(at, "").pose)
+    assert of.trust(less, "").pose != pytest.approx(of.trust(at, "").pose, rel=1e-6)
+    assert of.factor("box", beyond) == pytest.approx(of.factor("box", at))
+
+
 def test_a_file_comes_back_as_it_was(tmp_path):
     known = calibration()
     known.save(tmp_path / "c.json")
