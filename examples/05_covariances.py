@@ -60,8 +60,14 @@ def main(arguments: Arguments) -> None:
         console.print(objgraph.covariance.in_world(covariance, R_world_object).block("translation").table())
         xi = objgraph.covariance.of_xi(covariance, state)  # 9 axes
 
-        # The box as a 9-DoF pose, by the same marginals: too sure for real objects. A map has it calibrated (objgraph.trust).
+        # The box as a 9-DoF pose: by the same marginals, which are too sure, and calibrated, with a verdict, as a map has it.
         box = objgraph.covariance.box_pose(prior, state, covariance)
+        judgement = objgraph.trust.judge(objects, chair)
+        assert judgement is not None  # only where the calibration knows nothing of such objects
+        trust, calibrated = judgement.trust, judgement.box.covariance
+        console.print(
+            f"pose right: {trust.percent} %, {trust.word}; {'; '.join(trust.why) or 'nothing speaks against it'}"
+        )
 
         # The depth that the first camera would measure about the object's middle, and its spread.
         camera = gtsam.Pose3(frames[0].T_world_camera)
@@ -78,6 +84,8 @@ def main(arguments: Arguments) -> None:
                 "translation_sigma_m": translation.sigma.tolist(),
                 "xi_sigma": xi.sigma.tolist(),
                 "box_centre_sigma_m": box.covariance.block("centre").sigma.tolist(),
+                "box_centre_calibrated_sigma_m": calibrated.block("centre").sigma.tolist(),
+                "pose_right": trust.pose,
                 "box_extents_m": box.extents.tolist(),
                 "hit_probability": depth.hit.tolist(),
                 "depth_sigma_m": [None if np.isnan(sigma) else sigma for sigma in depth.sigma],

@@ -38,6 +38,10 @@ def more_views_tell_more(out: Path) -> None:
     assert (one["views"], three["views"]) == (1, 3)
     for name in ("rotation_sigma_deg", "translation_sigma_m", "box_centre_sigma_m"):
         assert np.linalg.norm(three[name]) < np.linalg.norm(one[name])
+    assert np.linalg.norm(three["box_centre_calibrated_sigma_m"]) > np.linalg.norm(
+        three["box_centre_sigma_m"]
+    )
+    assert three["pose_right"] > 0.5
     assert max(three["hit_probability"]) > 0.9  # the chair is where its middle is
     assert min(sigma for sigma in three["depth_sigma_m"] if sigma is not None) > 0
 

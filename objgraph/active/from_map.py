@@ -43,7 +43,7 @@ def targets_from_map(
 
 def _check_prior(entry: MappedObject, prior: ShapePrior) -> None:
     """A code means nothing to another decoder."""
-    found = prior.card.get("sha256", "unknown")
+    found = prior.digest
     if entry.prior is not None and entry.prior.hash != found:
         raise MapError(
             f"object {entry.id} ({entry.category}) was mapped with prior {entry.prior.name} {entry.prior.hash[:12]}, "

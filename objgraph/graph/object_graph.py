@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import gtsam
 import numpy as np
@@ -14,6 +15,7 @@ from factors.base import Annealing, ObservationFactor
 from factors.errors import FactorError
 from factors.keys import readable_key
 from factors.state import ObjectKeys, ObjectState
+from objgraph.covariance.heading_modes import HeadingModes
 from objgraph.covariance.labelled import ObjectCovariance
 from objgraph.covariance.posterior import Posterior
 from objgraph.diagnostics.undetermined import require_values
@@ -29,6 +31,14 @@ JOINT_ROUNDS = 20
 """Of the solver, at most, where cameras and objects are unknown together."""
 
 
+class Sighting(NamedTuple):
+    """One view of an object, and from where: as `ObjectGraph.observe` was told."""
+
+    view: ObjectView
+    camera: gtsam.Pose3 | int
+    body_T_camera: gtsam.Pose3 | None
+
+
 @dataclass
 class ObjectHandle:
     """One object of an `ObjectGraph`."""
@@ -38,8 +48,10 @@ class ObjectHandle:
     prior: ShapePrior
     factors: list[ObservationFactor] = field(default_factory=list)
     """Those that use the decoder."""
-    views: list[str] = field(default_factory=list)
-    """Names of the frames that it was observed in."""
+    sightings: list[Sighting] = field(default_factory=list)
+    """What it was observed in."""
+    other_headings: HeadingModes | None = None
+    """How likely it stands as estimated or turned, where you found out (`objgraph.trust.judge`)."""
     slots: dict[int, gtsam.NonlinearFactor] = field(default_factory=dict)
     """All its factors by their index in the caller's graph."""
 
@@ -142,7 +154,7 @@ class ObjectGraph:
             )
         camera = view.T_world_camera if camera is None else camera
         self.add_factors(handle, self.builder.view(handle.prior, handle.keys, view, camera, body_T_camera))
-        handle.views.append(view.frame)
+        handle.sightings.append(Sighting(view, camera, body_T_camera))
 
     def add_factors(self, handle: ObjectHandle, factors: Sequence[ObservationFactor]) -> None:
         """Add observation factors on the object's keys that were made elsewhere; raises FactorError of another object's."""
@@ -241,6 +253,15 @@ class ObjectGraph:
         """The object's current estimate; raises FactorError where it is not in this graph."""
         self._check_known(handle)
         return ObjectState.from_values(self.values, handle.keys)
+
+    def views(self, handle: ObjectHandle) -> list[ObjectView]:
+        """What the object was observed in, each from where its camera is now; raises FactorError where it is not in this graph."""
+        self._check_known(handle)
+        found = []
+        for view, camera, body_T_camera in handle.sightings:
+            pose = camera if isinstance(camera, gtsam.Pose3) else self.values.atPose3(camera)
+            found.append(view.at(pose if body_T_camera is None else pose.compose(body_T_camera)))
+        return found
 
     def posterior(self) -> Posterior:
         """The whole graph as it is now, for the covariances of many objects: `.marginals(handle.keys)`.

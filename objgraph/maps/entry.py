@@ -8,7 +8,6 @@ import numpy as np
 from jaxtyping import Float
 
 from factors.state import ObjectState
-from objgraph.covariance.box import box_pose
 from objgraph.covariance.heading_modes import HeadingModes
 from objgraph.covariance.surface import surface_sigma
 from objgraph.errors import ObjectGraphError, SolveError
@@ -19,7 +18,7 @@ from objgraph.observation.sampling import ObjectView
 from objgraph.priors.mesh import extract_mesh
 from objgraph.priors.shape_prior import ShapePrior
 from objgraph.trust.calibration import Calibration
-from objgraph.trust.evidence import evidence_of
+from objgraph.trust.judge import judge_estimate
 
 log = logging.getLogger(__name__)
 
@@ -84,25 +83,15 @@ def with_trust(
 ) -> MappedObject:
     """An entry of `map_entry` with a verdict and the box with its calibrated covariance; as it is where the calibration knows
     nothing of such objects."""
-    prior, state, covariance = task.prior, estimate.state, estimate.covariance
-    if covariance is None or covariance.source != "marginals" or entry.vertices is None:
+    found = None if entry.vertices is None else judge_estimate(task, estimate, entry.vertices, calibration)
+    if found is None:
         return entry
-    evidence, sides = evidence_of(task, estimate, entry.vertices)
-    of = prior.category, str(prior.card.get("sha256", "unknown"))
-    trust = calibration.trust(*of, evidence)
-    raw = box_pose(prior, state, covariance, state.to_object(entry.vertices))
-    box = calibration.box(*of, evidence, raw, sides)
-    if trust is None or box is None:
-        return entry
-    matrix = box.covariance.matrix
-    if estimate.turns is not None:
-        matrix = matrix + estimate.turns.second_moment(box.extents)
     return replace(
         entry,
-        trust=trust,
-        box_centre=box.T_world_box.translation(),
-        box_extents=box.extents,
-        box_covariance=matrix,
+        trust=found.trust,
+        box_centre=found.box.T_world_box.translation(),
+        box_extents=found.box.extents,
+        box_covariance=found.box.covariance.matrix,
     )
 
 
@@ -115,4 +104,4 @@ def _turned(state: ObjectState, turns: HeadingModes) -> Float[np.ndarray, "4 9+l
 
 def _reference(prior: ShapePrior) -> PriorReference:
     name = prior.card["fallback"] if prior.is_fallback else prior.category
-    return PriorReference(name, prior.card.get("sha256", "unknown"), prior.is_fallback)
+    return PriorReference(name, prior.digest, prior.is_fallback)

@@ -60,6 +60,11 @@ class ShapePrior:
     """The kinds of shapes there are; None where codes are of the one Gaussian that `code_mean` and `code_covariance` give."""
 
     @property
+    def digest(self) -> str:
+        """Of the weights, as the card says: no code is decoded, and no estimate judged, by what belongs to others."""
+        return str(self.card.get("sha256", "unknown"))
+
+    @property
     def is_fallback(self) -> bool:
         """Whether it only stands in for a category of which no shapes were learnt."""
         return "fallback" in self.card

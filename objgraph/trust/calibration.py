@@ -104,6 +104,11 @@ class CategoryCalibration:
         pose, shape = _probability(self.pose(z)), _probability(self.shape(z))
         return Trust(pose, shape, tuple(_SAID[name] for name in worst), widening, given, digest)
 
+    def box(self, evidence: Evidence, box: BoxPose, seen_sides: Float[np.ndarray, "3 2"]) -> BoxPose:
+        """A box, given with its marginals, with the covariance at which 95 % sets hold as many (see `evidence_of`)."""
+        matrix = self.sides.widened(box.covariance.matrix, box.extents, seen_sides)
+        return replace(box, covariance=replace(box.covariance, matrix=self.factor("box", evidence) * matrix))
+
     def factor(self, quantity: str, evidence: Evidence, level: str = LEVELS[-1]) -> float:
         """On the variances of a quantity, those of boxes and headings with the sides' errors: so that sets of this level hold as
         many as they say."""
@@ -138,27 +143,6 @@ class Calibration:
         fits.insert(0, (own, {name: said for name, said in earlier.made.items() if name != "kept"}))
         of_kept = [{"categories": sorted(names), "made": made} for names, made in fits if names]
         return Calibration({**kept, **self.categories}, {**self.made, "kept": of_kept})
-
-    def trust(self, category: str, prior: str, evidence: Evidence) -> Trust | None:
-        """The verdict on an object; None where it knows nothing of such ones."""
-        known = self.of(category, prior)
-        return None if known is None else known.trust(evidence, self.digest)
-
-    def box(
-        self,
-        category: str,
-        prior: str,
-        evidence: Evidence,
-        box: BoxPose,
-        seen_sides: Float[np.ndarray, "3 2"],
-    ) -> BoxPose | None:
-        """A box, given with its marginals, with the covariance at which 95 % sets hold as many (see `evidence_of`); None where
-        it knows nothing of such objects."""
-        known = self.of(category, prior)
-        if known is None:
-            return None
-        matrix = known.sides.widened(box.covariance.matrix, box.extents, seen_sides)
-        return replace(box, covariance=replace(box.covariance, matrix=known.factor("box", evidence) * matrix))
 
     @property
     def digest(self) -> str:

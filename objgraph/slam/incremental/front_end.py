@@ -12,6 +12,7 @@ from factors import checks
 from factors.state import ObjectKeys, ObjectState
 from objgraph.covariance.labelled import ObjectCovariance
 from objgraph.errors import ConfigError, ObjectGraphError, PriorError
+from objgraph.graph.builder import ObjectBuilder
 from objgraph.observation.frames import Frame, Instance
 from objgraph.observation.sampling import ObjectView, observe
 from objgraph.priors.shape_prior import ShapePrior
@@ -94,6 +95,15 @@ class FrontEnd:
     def state(self, entry: TrackedObject) -> ObjectState:
         """The object's current estimate."""
         return self.system.state(entry)
+
+    @property
+    def builder(self) -> ObjectBuilder:
+        """It knows where up and the floor are."""
+        return self.system.builder
+
+    def views(self, entry: TrackedObject) -> list[ObjectView]:
+        """What the object was seen in, each from where its camera is now; with a lag, not those past it."""
+        return [view.at(self.system.camera_pose(camera)) for camera, view in entry.placed_views]
 
     def pose(self, camera: int) -> gtsam.Pose3:
         """T_world_camera, or T_world_body where there is a `body_T_camera`, as it is estimated now.

@@ -34,7 +34,7 @@ def test_a_chair_is_found_at_fixed_cameras():
         objects.observe(handle, view)
     (problem,) = objects.optimize(SHORT)
     assert problem.name == handle.name == "the chair"
-    assert handle.views == ["0", "1"]
+    assert [view.frame for view in objects.views(handle)] == ["0", "1"]
     found = objects.state(handle)
     angle, distance = pose_error(found.T_world_object, state.T_world_object)
     assert angle < np.radians(2)

@@ -121,16 +121,14 @@ def test_the_box_has_the_calibrated_covariance_and_a_verdict_or_neither():
     covariance = ObjectCovariance.diagonal(np.full(13, 1e-4), "marginals")
     turns = HeadingModes(np.array([0.7, 0.0, 0.3, 0.0]))
     estimate, task = Estimate(state, covariance, 2.0, 1.0, 1, 1, turns), task_of(prior)
-    known = calibration(str(prior.card.get("sha256", "unknown")))
+    known = calibration(prior.digest)
     entry = map_entry(Instance(3, "chair"), prior, estimate, task.views, 24)
     assert entry.box_covariance is entry.trust is None
     found = with_trust(entry, task, estimate, known)
     assert found.vertices is not None
     evidence, sides = evidence_of(task, estimate, found.vertices)
     raw = box_pose(prior, state, covariance, state.to_object(found.vertices))
-    digest = known.categories["chair"].prior
-    expected = known.box("chair", digest, evidence, raw, sides)
-    assert expected is not None
+    expected = known.categories["chair"].box(evidence, raw, sides)
     assert found.box_covariance is not None
     assert found.box_centre is not None
     assert found.box_extents is not None
@@ -138,7 +136,7 @@ def test_the_box_has_the_calibrated_covariance_and_a_verdict_or_neither():
     np.testing.assert_allclose(found.box_covariance, matrix, rtol=1e-6, atol=1e-12)
     np.testing.assert_allclose(found.box_centre, raw.T_world_box.translation(), atol=1e-9)
     np.testing.assert_allclose(found.box_extents, raw.extents)
-    assert found.trust == known.trust("chair", digest, evidence)
+    assert found.trust == known.categories["chair"].trust(evidence, known.digest)
     # the modes are without what they add to each other
     assert [mode.probability for mode in found.box_modes] == [0.7, 0.3]
     np.testing.assert_allclose(

@@ -17,10 +17,12 @@ from objgraph.trust.verdict import Trust
 from tests.objgraph.trust.calibrations import EVIDENCE, SIDES, calibration
 from tests.toys import toy_state
 
+CHAIR = calibration().categories["chair"]
+
 
 def test_a_verdict_is_the_logistic_function_of_the_evidence():
-    trust = calibration().trust("chair", "weights", replace(EVIDENCE, seen=0.7))
-    assert trust is not None
+    trust = CHAIR.trust(replace(EVIDENCE, seen=0.7), "digest")
+    assert trust.calibration == "digest"
     z = (0.7 - 0.5) / 0.2
     odds = 0.6 + 1.5 * z - 1.0 * EVIDENCE.moved / 0.2
     assert trust.pose == pytest.approx(1 / (1 + np.exp(-odds)))
@@ -31,34 +33,30 @@ def test_a_verdict_is_the_logistic_function_of_the_evidence():
 
 
 def test_what_speaks_against_it_is_said_the_worst_first():
-    trust = calibration().trust("chair", "weights", replace(EVIDENCE, seen=0.1, moved=0.2))
-    assert trust is not None
+    trust = CHAIR.trust(replace(EVIDENCE, seen=0.1, moved=0.2), "")
     assert trust.why == ("little of its surface is seen", "it ended far from the first guess")
     assert trust.word == "poor"
 
 
 @pytest.mark.parametrize(("category", "prior"), [("chair", "other weights"), ("sofa", "weights")])
 def test_of_objects_that_it_does_not_know_it_says_nothing(category, prior):
-    assert calibration().trust(category, prior, EVIDENCE) is None
+    assert calibration().of(category, prior) is None
 
 
 def test_a_box_is_widened_by_its_sides_and_by_what_its_evidence_lets_expect():
-    known, state = calibration(), toy_state()
+    state = toy_state()
     box = BoxPose(
         state.T_world_object,
         np.array([0.5, 0.9, 0.6]),
         LabelledCovariance(1e-4 * np.eye(9), BOX_AXES, "marginals", "chair 1"),
     )
     seen = np.full((3, 2), 0.4)
-    found = known.box("chair", "weights", replace(EVIDENCE, seen=0.7), box, seen)
-    assert found is not None
-    assert known.box("chair", "other weights", EVIDENCE, box, seen) is None
+    found = CHAIR.box(replace(EVIDENCE, seen=0.7), box, seen)
     factor = 3.0 * np.exp(0.2 - 0.5)
     expected = factor * (SIDES.marginals * 1e-4 * np.eye(9) + SIDES.matrix(box.extents, seen))
     np.testing.assert_allclose(found.covariance.matrix, expected)
     assert found.T_world_box is box.T_world_box
-    trust = known.trust("chair", "weights", replace(EVIDENCE, seen=0.7))
-    assert trust is not None
+    trust = CHAIR.trust(replace(EVIDENCE, seen=0.7), "")
     # the map has the box at 95 % already, and the surface as the graph gives it
     assert trust.widening["box"] == pytest.approx({"50": 1 / 3, "90": 2 / 3, "95": 1.0})
     assert trust.widening["surface"] == pytest.approx({"50": factor / 3, "90": factor * 2 / 3, "95": factor})
@@ -66,7 +64,7 @@ def test_a_box_is_widened_by_its_sides_and_by_what_its_evidence_lets_expect():
 
 def test_evidence_beyond_all_that_was_seen_says_no_more():
     """Four deviations are the most: a line that was fitted within them is not drawn on without end."""
-    of = calibration().categories["chair"]
+    of = CHAIR
     at, beyond = (replace(EVIDENCE, seen=of.mean["seen"] + k * of.spread["seen"]) for k in (4.0, 40.0))
     less = replace(EVIDENCE, seen=of.mean["seen"] + 3.9 * of.spread["seen"])
     assert of.trust(beyond, "").pose == pytest.approx(of.trust(at, "").pose)

@@ -47,7 +47,7 @@ def test_sets_hold_what_they_say_on_other_objects(fitted, level):
 def test_verdicts_are_probabilities(fitted):
     """Of other objects, by how sure it is: as many are right as it says."""
     fresh = objects(2000, seed=2, tail=1.5)
-    said = np.array([fitted.trust(o.category, PRIORS[o.category], o.evidence).pose for o in fresh])
+    said = np.array([fitted.categories[o.category].trust(o.evidence, "").pose for o in fresh])
     right = np.array([o.pose_right for o in fresh])
     for low, high in ((0, 0.3), (0.3, 0.7), (0.7, 1.0)):
         some = (said >= low) & (said < high)

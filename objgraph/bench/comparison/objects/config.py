@@ -50,7 +50,7 @@ def find_prior(category: str, files: tuple[str, ...]) -> ShapePrior:
 
 def prior_hash(category: str, config: ComparisonConfig) -> str:
     """The digest of the weights that objects of a category are estimated with."""
-    return str(find_prior(category, config.priors).card.get("sha256", "unknown"))
+    return find_prior(category, config.priors).digest
 
 
 def row_settings(source: CaseSource, config: ComparisonConfig, name: str, category: str) -> dict[str, Any]:

@@ -235,7 +235,7 @@ def _with_truth(row: ObjectRow, seen: _Seen) -> ObjectRow:
     return replace(
         row,
         frames=list(seen.frames),
-        prior=str(seen.prior.card.get("sha256", "unknown")),
+        prior=seen.prior.digest,
         truth_T_world_object=plain(seen.truth.T_world_object),
         truth_scale=plain(seen.truth.scale),
         truth_symmetry=seen.truth.symmetry,

@@ -1,0 +1,113 @@
+"""The verdict on an object, and its box so that sets hold as many as they say: of any estimate, and of objects in a graph."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Protocol
+
+import numpy as np
+from jaxtyping import Float
+
+from factors import checks
+from factors.state import ObjectState
+from objgraph.covariance.box import BoxPose, box_pose
+from objgraph.covariance.heading_modes import HeadingModes
+from objgraph.covariance.labelled import ObjectCovariance
+from objgraph.errors import CovarianceError
+from objgraph.estimate.task import Estimate, EstimationTask
+from objgraph.graph.builder import ObjectBuilder
+from objgraph.graph.initialise import FirstStates, first_states
+from objgraph.observation.sampling import ObjectView
+from objgraph.priors.mesh import extract_mesh
+from objgraph.priors.shape_prior import ShapePrior
+from objgraph.trust.calibration import Calibration, shipped_calibration
+from objgraph.trust.evidence import evidence_of
+from objgraph.trust.verdict import Trust
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """How far an object is to be trusted."""
+
+    trust: Trust
+    box: BoxPose
+    """Its covariance is calibrated: 95 % sets hold as many; with the second moment of the other headings it may have."""
+
+
+class Handle(Protocol):
+    """What a graph calls an object."""
+
+    name: str
+    prior: ShapePrior
+    other_headings: HeadingModes | None
+
+
+class Objects(Protocol):
+    """A graph that holds objects: `ObjectGraph`, `IncrementalObjectGraph`, `ObjectFrontEnd`."""
+
+    @property
+    def builder(self) -> ObjectBuilder: ...
+
+    def state(self, _: Any, /) -> ObjectState: ...
+
+    def marginals(self, _: Any, /) -> ObjectCovariance: ...
+
+    def views(self, _: Any, /) -> list[ObjectView]: ...
+
+
+def judge(objects: Objects, handle: Handle, calibration: Calibration | None = None) -> Judgement | None:
+    """How far an object of a graph is to be trusted as it stands there now; None where the calibration knows nothing of such ones.
+
+    `objects` is the graph and `handle` what it calls the object; by default the shipped calibration is asked, which is of objects
+    that `map_scan` placed from one to three views. How likely other headings are is what the map says of it or, where it does not,
+    the prior's first guess by the object's views as their cameras stand now.
+
+    Raises:
+        ObservationError: it has no view, or the graph does not know which way is up.
+        CovarianceError: the calibration is none.
+        SolveError: the graph leaves the object undetermined, or its code has no surface.
+    """
+    known = shipped_calibration() if calibration is None else calibration
+    checks.instance("calibration", known, Calibration, CovarianceError)
+    prior = handle.prior
+    if known.of(prior.category, prior.digest) is None:
+        return None
+    state, views, builder = objects.state(handle), objects.views(handle), objects.builder
+    first = first_states(prior, views, builder)
+    turns = handle.other_headings or _other_headings(state, first)
+    task = EstimationTask(
+        handle.name, prior, first.states, tuple(views), builder.up_world, builder.floor, chances=first.chances
+    )
+    estimate = Estimate(state, objects.marginals(handle), np.nan, np.nan, 0, 0, turns)
+    vertices = np.asarray(extract_mesh(prior.decoder, state.code).vertices)
+    return judge_estimate(task, estimate, state.to_world(vertices), known)
+
+
+def judge_estimate(
+    task: EstimationTask,
+    estimate: Estimate,
+    vertices_world: Float[np.ndarray, "v 3"],
+    calibration: Calibration,
+) -> Judgement | None:
+    """The same of an estimate of a task, whose surface has these vertices; None also where it has no marginals."""
+    prior, state, covariance = task.prior, estimate.state, estimate.covariance
+    known = calibration.of(prior.category, prior.digest)
+    if known is None or covariance is None or covariance.source != "marginals":
+        return None
+    evidence, seen_sides = evidence_of(task, estimate, vertices_world)
+    raw = box_pose(prior, state, covariance, state.to_object(vertices_world))
+    box = known.box(evidence, raw, seen_sides)
+    if estimate.turns is not None:
+        moment = estimate.turns.second_moment(box.extents)
+        box = replace(box, covariance=replace(box.covariance, matrix=box.covariance.matrix + moment))
+    return Judgement(known.trust(evidence, calibration.digest), box)
+
+
+def _other_headings(state: ObjectState, first: FirstStates) -> HeadingModes | None:
+    """How likely the object stands as it does, or turned, by a first guess's probabilities; None where there is no guess."""
+    if not first.chances:
+        return None
+    unlikely: Sequence[float] = [
+        np.inf,
+        *-np.log(first.chances),
+    ]  # of the state itself, what stands like it says
+    return HeadingModes.of_states([state, *first.states], np.array(unlikely), 0, temperature=1.0)
