@@ -11,7 +11,7 @@ from factors import checks
 from factors.state import ObjectState
 from objgraph.errors import ObservationError, SolveError
 from objgraph.graph.builder import ObjectBuilder
-from objgraph.graph.object_graph import ObjectGraph
+from objgraph.graph.object_graph import ObjectGraph, Sighting
 from objgraph.observation.sampling import ObjectView
 from objgraph.slam.incremental.config import IncrementalConfig
 from objgraph.slam.incremental.local import at_optimum, settled, solved
@@ -261,9 +261,12 @@ class IncrementalSystem:
         assert isinstance(self.smoother, Smoother)
         keys = set().union(*(factor.keys() for factor in self._others))
         values.insert(self.smoother.estimate().extract(gtsam.KeyVector(sorted(keys))))
-        objects = ObjectGraph(graph, values, self.config.graph, up_world=self.builder.up_world)
+        up_world, floor = self.builder.up_world, self.builder.floor
+        objects = ObjectGraph(graph, values, self.config.graph, up_world=up_world, floor=floor)
         for entry in self.objects:
             handle = objects.add_object(entry.prior, self.state(entry), keys=entry.keys, name=entry.name)
+            handle.other_headings = entry.other_headings
+            handle.sightings += [Sighting(view, at, self.body_T_camera) for at, view in entry.placed_views]
             for observation in entry.observations:
                 if not observation.of_prior:
                     # later updates freeze the map's own anew

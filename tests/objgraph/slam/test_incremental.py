@@ -21,6 +21,8 @@ from objgraph.slam.incremental.front_end import FrameReport
 from objgraph.slam.incremental.object_graph import IncrementalObjectGraph
 from objgraph.slam.incremental.tracked import TrackedObject, cameras_of
 from objgraph.slam.odometry import OdometryNoise, dead_reckoning, drifting_motions
+from objgraph.trust.judge import judge
+from tests.objgraph.trust.calibrations import calibration
 from tests.toys import look_at, toy_picture, toy_prior, toy_state
 
 UP = np.array([0.0, 0.0, 1.0])
@@ -118,6 +120,28 @@ def test_each_chair_is_in_the_map_once_and_where_it_stands(world, run):
     assert [report.camera for report in reports] == [X(k) for k in range(FRAMES)]
     assert [report.frame for report in reports] == list(objects.cameras.values())
     assert all(report.reasons for report in reports)
+
+
+def test_an_object_is_judged_from_where_its_cameras_are_now(world, run):
+    """By the smoother and, the same, by the batch graph: the smoother's cameras, not the odometry's."""
+    objects, _ = run
+    batch = objects.batch()
+    batch.refresh()
+    for entry, handle in zip(objects.objects, batch.objects, strict=True):
+        views = objects.views(entry)
+        assert [view.frame for view in views] == [view.frame for view in batch.views(handle)]
+        assert len(views) == entry.views
+        for view in views:
+            assert distance(view.T_world_camera, world.truth[int(view.frame)]) < 0.06
+        of_map, of_batch = (
+            judge(*pair, calibration=calibration("toy")) for pair in ((objects, entry), (batch, handle))
+        )
+        assert of_map is not None
+        assert of_batch is not None
+        assert of_map.trust.evidence["off"] < 0.2
+        assert of_batch.trust.evidence == pytest.approx(of_map.trust.evidence, abs=0.05)
+        T_world_box = of_map.box.T_world_box
+        assert min(distance(T_world_box, state.T_world_object) for state in world.states) < 0.05
 
 
 def test_cameras_are_held_by_the_objects(world, run):
