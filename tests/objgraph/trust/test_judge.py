@@ -21,12 +21,13 @@ from tests.toys import toy_prior, toy_state
 
 PRIOR = replace(toy_prior(), category="chair")
 KNOWN = calibration(PRIOR.digest)
+HERE = gtsam.Pose3()
 SHIFT = gtsam.Pose3(gtsam.Rot3.Rz(0.7), np.array([3.0, -2.0, 0.0]))
 
 
 def solved(
-    up_world: np.ndarray | None = UP, *, body_T_camera: gtsam.Pose3 | None = None, shift=gtsam.Pose3()
-):  # noqa: B008
+    up_world: np.ndarray | None = UP, *, body_T_camera: gtsam.Pose3 | None = None, shift: gtsam.Pose3 = HERE
+):
     """A chair seen by two cameras, or bodies that carry them, whose poses are variables."""
     state = toy_state(1.0)
     objects = ObjectGraph(gtsam.NonlinearFactorGraph(), gtsam.Values(), up_world=up_world, floor=0.0)
