@@ -43,9 +43,9 @@ _NEAR = 0.1
 class RaySampling:
     """How finely rays are cut."""
 
-    coarse: int = 12
+    coarse: int = 8
     """Equal steps through the object's box that find the surface, at every refresh."""
-    cells: int = 10
+    cells: int = 6
     """Cells a ray that the factor decodes at every evaluation."""
 
     def __post_init__(self) -> None:
@@ -130,7 +130,9 @@ class DepthFactor(ObservationFactor):
         state, camera = self.state(values), self.T_world_camera(values)
         if (place := place_of(state, camera, annealing)) == self._frozen_at:
             return
-        near, far = box_interval(state, camera, self._rays.directions_camera, self._half_box)
+        near, far = box_interval(
+            state, camera, self._rays.directions_camera, self._half_box, self._rays.origins_camera
+        )
         crosses = (far - near > 1e-3) & (self._rays.end > near)
         meets = np.flatnonzero(crosses)
         targets = self._targets(meets)
@@ -217,9 +219,9 @@ class DepthFactor(ObservationFactor):
         """Weighted score of hits that pass the object without meeting its box."""
         if not len(rays):
             return 0.0
-        centre_depth = float(camera.transformTo(state.T_world_object.translation())[2])
+        beside = self._rays.depth_beside(camera.transformTo(state.T_world_object.translation()))[rays]
         targets = self._targets(rays)
-        far = torch.as_tensor(passing_depth(state, self._rays.depth[rays], centre_depth, self._half_box))
+        far = torch.as_tensor(passing_depth(state, self._rays.depth[rays], beside, self._half_box))
         sigma = torch.full((len(rays), 1), self._prior_sigma * float(np.exp(state.log_scale.mean())))
         sdf = torch.full_like(far, CLEAR)[:, None]
         samples = RaySamples(sdf, sigma.to(sdf).clamp_min(1e-6), empty_cells(far), targets, annealing.slope)
@@ -259,8 +261,10 @@ class DepthFactor(ObservationFactor):
         return MetricSdf(metres, share, np.array(state.log_scale))
 
     def _points(self, rays: np.ndarray, depth: Tensor) -> np.ndarray:
-        directions = self._rays.directions_camera[rays]
-        return (directions[:, None, :] * depth.numpy()[:, :, None]).reshape(-1, 3)
+        points = self._rays.directions_camera[rays][:, None, :] * depth.numpy()[:, :, None]
+        if self._rays.origins_camera is not None:
+            points += self._rays.origins_camera[rays][:, None, :]
+        return points.reshape(-1, 3)
 
     @property
     def _held(self) -> _Frozen:

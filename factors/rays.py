@@ -1,6 +1,7 @@
 """Camera rays through an object's box, and the cells along them at which the object is decoded."""
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import gtsam
 import numpy as np
@@ -32,6 +33,9 @@ class Rays:
     begins. It says nothing about the object beyond."""
     sigma: Float[np.ndarray, "r"]
     """Standard deviation of what the ray says of the surface's place, metres."""
+    origins_camera: Float[np.ndarray, "r 3"] | None = None
+    """Where each ray begins, of rays of several cameras, whose directions are as long as those of z = 1 in their own; None of
+    one camera's rays, which begin at its centre."""
 
     def __post_init__(self) -> None:
         directions = checks.reals(
@@ -40,7 +44,10 @@ class Rays:
         n = len(directions)
         if n == 0:
             raise FactorError("rays of shape (0, 3): at least one is due")
-        if not np.allclose(directions[:, 2], 1.0):
+        if self.origins_camera is not None:
+            origins = checks.reals("`origins_camera` of the rays", self.origins_camera, (n, 3), PLACES)
+            object.__setattr__(self, "origins_camera", origins)
+        elif not np.allclose(directions[:, 2], 1.0):
             raise FactorError("ray directions must have z = 1, so that lengths along them are z-depths")
         found = {
             "directions_camera": directions,
@@ -56,7 +63,29 @@ class Rays:
 
     def take(self, indices: np.ndarray) -> "Rays":
         """Some of the rays."""
-        return Rays(*(array[indices] for array in vars(self).values()))
+        origins = None if self.origins_camera is None else self.origins_camera[indices]
+        return Rays(
+            self.directions_camera[indices], self.depth[indices], self.hit[indices], self.end[indices],
+            self.sigma[indices], origins,
+        )  # fmt: skip
+
+    def depth_beside(self, p_camera: Float[np.ndarray, "3"]) -> Float[np.ndarray, "r"]:
+        """Depth at which each ray is nearest to a point."""
+        directions = self.directions_camera
+        away = p_camera if self.origins_camera is None else p_camera - self.origins_camera
+        return (directions * away).sum(axis=1) / np.square(directions).sum(axis=1)
+
+    def in_world(self, T_world_camera: gtsam.Pose3) -> "Rays":
+        """The same where the camera frame is the world's."""
+        R, t = T_world_camera.rotation().matrix(), T_world_camera.translation()
+        origins = np.zeros((1, 3)) if self.origins_camera is None else self.origins_camera
+        origins = np.broadcast_to(origins @ R.T + t, self.directions_camera.shape)
+        return replace(self, directions_camera=self.directions_camera @ R.T, origins_camera=origins)
+
+    @staticmethod
+    def together(several: "Sequence[Rays]") -> "Rays":
+        """Rays of one frame, each with its origin."""
+        return Rays(*map(np.concatenate, zip(*(vars(rays).values() for rays in several), strict=True)))
 
 
 @dataclass(frozen=True)
@@ -76,10 +105,15 @@ def box_interval(
     T_world_camera: gtsam.Pose3,
     directions_camera: Float[np.ndarray, "r 3"],
     half: float | Float[np.ndarray, "3"] = BOX_HALF_SIZE,
+    origins_camera: Float[np.ndarray, "r 3"] | None = None,
 ) -> tuple[Float[np.ndarray, "r"], Float[np.ndarray, "r"]]:
-    """z-depths at which rays enter and leave the object's canonical box of `half` its edges; near >= far where they miss it."""
-    origin = state.to_object(np.asarray(T_world_camera.translation())[None])[0]
-    R_object_camera = state.T_world_object.rotation().matrix().T @ T_world_camera.rotation().matrix()
+    """z-depths at which rays enter and leave the object's canonical box of `half` its edges; near >= far where they miss it.
+
+    Rays begin at the camera's centre, unless they have `origins_camera`."""
+    begin = np.zeros((1, 3)) if origins_camera is None else origins_camera
+    R_world_camera = T_world_camera.rotation().matrix()
+    origin = state.to_object(begin @ R_world_camera.T + T_world_camera.translation())
+    R_object_camera = state.T_world_object.rotation().matrix().T @ R_world_camera
     return canonical_interval(origin, directions_camera @ R_object_camera.T / state.scale, half)
 
 

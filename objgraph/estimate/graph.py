@@ -20,8 +20,7 @@ from objgraph.observation.sampling import thinned
 class GraphEstimator:
     """Every start is solved at the coarsest slope; the likeliest is solved to the end.
 
-    Where a prior's first guess says how likely the starts are, they are the headings that the object may have, and are told
-    apart on few points; of other
+    Where a prior's first guess says how likely the starts are, they are the headings that the object may have; of other
     objects turns are searched for afterwards, and one that is cheaper is solved to the end as well.
     """
 
@@ -29,8 +28,8 @@ class GraphEstimator:
     solver: SolverConfig = field(default_factory=SolverConfig)
     heading_modes: HeadingModesConfig | None = field(default_factory=HeadingModesConfig)
     """None takes the heading that was found as the only one."""
-    few: int = 300
-    """Surface points, and rays, of all views together that the headings of a first guess are told apart on."""
+    samples: int = 450
+    """Surface points, and rays, of all views together that an object is estimated by: with more it is no better."""
     gravity: bool = True
     """Whether it is told where up and the floor are; without, no object need be upright or stand."""
     watch: Callable[[Problem], None] | None = field(default=None, compare=False)
@@ -47,12 +46,10 @@ class GraphEstimator:
     def _begun(self, task: EstimationTask) -> "_Attempts | SolveError":
         if (refused := unusable(task)) is not None:
             return refused
-        told = task if self.gravity else replace(task, up_world=None, floor=None)
-        # without a first guess starts were told apart on few points before
-        thin = replace(told, views=tuple(thinned(told.views, self.few, self.few))) if told.chances else told
+        told = replace(task, views=tuple(thinned(task.views, self.samples, self.samples)))
+        told = told if self.gravity else replace(told, up_world=None, floor=None)
         try:
-            whole = self._single(told, told.starts[0])
-            return _Attempts(told, [self._single(thin, start) for start in told.starts], whole)
+            return _Attempts(told, [self._single(told, start) for start in told.starts])
         except ObjectGraphError as error:
             return SolveError(f"{task.name}: {error}")
 
@@ -105,9 +102,6 @@ class _Attempts:
 
     task: EstimationTask
     tried: list[SingleObject]
-    """On few points, where a first guess proposed them."""
-    whole: SingleObject
-    """On all."""
     turns: HeadingModes | None = None
     linearizations: int = 0
     """Beside those of `tried`."""
@@ -119,8 +113,7 @@ class _Attempts:
         return self.chosen.failure is None
 
     def choose(self, headings: HeadingModesConfig | None) -> None:
-        """Go on with all points from the likeliest, by what it costs and by the first guess, and say how likely other
-        headings are."""
+        """Go on from the likeliest, by what it costs and by the first guess, and say how likely other headings are."""
         guess = self.task.prior.guess
         temperature = (
             (headings or HeadingModesConfig()).temperature if guess is None else guess.config.temperature
@@ -132,7 +125,6 @@ class _Attempts:
         ]
         best = int(np.argmin(costs))
         self.chosen = self.tried[best]
-        self.chosen.graph, self.chosen.factors = self.whole.graph, self.whole.factors
         if self.is_good and headings is not None and self.task.chances:
             states = [single.state for single in self.tried]
             self.turns = HeadingModes.of_states(states, np.array(costs), best, temperature)

@@ -20,6 +20,7 @@ from factors.full_distribution import FullDistribution
 from factors.gaussian_depth import Deterministic, Probabilistic, Sampled
 from factors.keys import readable_key
 from factors.priors import placed_prior, sized_prior, upright_prior
+from factors.rays import Rays
 from factors.rendering import Renderer
 from factors.state import ObjectKeys, ObjectState
 from factors.surface import SurfaceFactor
@@ -61,8 +62,6 @@ class GraphConfig:
     sides: float | None = 2.0
     """How well shapes touch the sides of the box that all of the prior's fill, in standard deviations of its decoder;
     None where they need not."""
-    tight_box: bool = False
-    """Whether rays are cut within the box that the prior's shapes fill, and not within a cube that holds any shape."""
 
     def __post_init__(self) -> None:
         """Raises ConfigError where a number is not one of its kind, or there is no such renderer."""
@@ -167,16 +166,42 @@ class ObjectBuilder:
 
         `camera` is T_world_camera or the key of a `Pose3` that holds it; with `body_T_camera` that of the body.
         """
+        return self._factors(
+            prior, keys, camera, (view.points_camera, view.points_sigma, view.points_share),
+            (view.rays, view.rays_share), body_T_camera,
+        )  # fmt: skip
+
+    def views(
+        self, prior: ShapePrior, keys: ObjectKeys, views: Sequence[ObjectView]
+    ) -> list[ObservationFactor]:
+        """The same of several views from known cameras, in one 3D and one 2D factor, whose camera frame is the world's."""
+        if not views:
+            return []
+        points = zip(*((v.points_world, v.points_sigma, v.points_share) for v in views), strict=True)
+        rays = Rays.together([view.rays.in_world(view.T_world_camera) for view in views])
+        shares = np.concatenate([view.rays_share for view in views])
+        p_world, sigma, share = map(np.concatenate, points)
+        return self._factors(prior, keys, gtsam.Pose3(), (p_world, sigma, share), (rays, shares))
+
+    def _factors(
+        self,
+        prior: ShapePrior,
+        keys: ObjectKeys,
+        camera: gtsam.Pose3 | int,
+        points: tuple[np.ndarray, np.ndarray, np.ndarray],
+        rays: tuple[Rays, np.ndarray],
+        body_T_camera: gtsam.Pose3 | None = None,
+    ) -> list[ObservationFactor]:
+        p_camera, sigma, share = points
         surface = SurfaceFactor(
-            keys, prior.decoder, camera, view.points_camera, view.points_sigma,
-            prior_sigma=prior.residual_sigma, share=view.points_share,
+            keys, prior.decoder, camera, p_camera, sigma, prior_sigma=prior.residual_sigma, share=share,
             tail=self.config.surface_tail, body_T_camera=body_T_camera,
         )  # fmt: skip
         depth = DepthFactor(
-            keys, prior.decoder, camera, view.rays,
+            keys, prior.decoder, camera, rays[0],
             renderer=RENDERERS[self.config.renderer], prior_sigma=prior.residual_sigma,
-            sampling=self.config.sampling, share=view.rays_share,
-            half_box=prior.half_box(self.config.tight_box), body_T_camera=body_T_camera,
+            sampling=self.config.sampling, share=rays[1],
+            half_box=prior.half_box(), body_T_camera=body_T_camera,
         )  # fmt: skip
         return [surface, depth]
 
@@ -196,7 +221,7 @@ class ObjectBuilder:
                 keys, prior.decoder, self.up_world, self.floor,
                 sigma=config.floor_sigma, spacing=config.floor_spacing, stands=prior.feet,
                 renderer=RENDERERS[config.renderer], prior_sigma=prior.residual_sigma,
-                half_box=prior.half_box(config.tight_box),
+                half_box=prior.half_box(),
             )
         ]  # fmt: skip
 
@@ -220,13 +245,13 @@ class ObjectBuilder:
         for factor in self.priors(prior, ALONE, box):
             graph.push_back(factor)
         factors: list[ObservationFactor] = []
-        for k, view in enumerate(views):
-            camera: gtsam.Pose3 | int = view.T_world_camera
-            if self.config.pose_sigma is not None:
+        if self.config.pose_sigma is None:
+            factors += self.views(prior, ALONE, views)
+        else:
+            for k, view in enumerate(views):
                 values.insert(X(k), view.T_world_camera)
                 graph.push_back(gtsam.PriorFactorPose3(X(k), view.T_world_camera, self._pose_noise()))
-                camera = X(k)
-            factors += self.view(prior, ALONE, view, camera)
+                factors += self.view(prior, ALONE, view, X(k))
         factors += [*self.box(prior, ALONE), *self.standing(prior, ALONE)]
         for factor in factors:
             graph.push_back(factor.gtsam_factor())

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import gtsam
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from factors import checks
 from factors.checks import DEVIATIONS, PLACES
@@ -134,10 +134,9 @@ class ObjectView:
         return replace(self, T_world_camera=T_world_camera)
 
     def thinned(self, points: int, rays: int, seed: int = 0) -> "ObjectView":
-        """A random part of this view, for cheap early decisions."""
+        """An even part of this view: what `observe` draws is in an order in which neighbours follow each other."""
         rng = np.random.default_rng(seed)
-        some = rng.permutation(len(self.points_camera))[:points]
-        few = rng.permutation(len(self.rays.depth))[:rays]
+        some, few = _evenly(rng, len(self.points_camera), points), _evenly(rng, len(self.rays.depth), rays)
         return ObjectView(
             self.frame, self.T_world_camera, self.points_camera[some], self.points_sigma[some],
             self.rays.take(few), self.correlation_length,
@@ -145,10 +144,17 @@ class ObjectView:
 
 
 def thinned(views: Sequence[ObjectView], points: int, rays: int) -> list[ObjectView]:
-    """A random part of each view, of so many points and rays together, but of one of each at least."""
+    """An even part of each view, of so many points and rays together, but of one of each at least."""
     share = max(1, len(views))
     few = max(1, points // share), max(1, rays // share)
     return [view.thinned(*few, seed=i) for i, view in enumerate(views)]
+
+
+def _evenly(rng: np.random.Generator, n: int, count: int) -> Int[np.ndarray, "m"]:
+    """So many at most of n, evenly."""
+    return (
+        np.arange(n) if n <= count else ((np.arange(count) + rng.uniform()) * n / max(count, 1)).astype(int)
+    )
 
 
 def observe(frame: Frame, instance: int, config: SamplingConfig | None = None, seed: int = 0) -> ObjectView:
@@ -186,12 +192,12 @@ def observe(frame: Frame, instance: int, config: SamplingConfig | None = None, s
     z = depth[v, u]
     on_object[:] = False
     on_object[v, u] = True
-    weight = _even_weights(points)
-    chosen = _draw(rng, weight, config.points)
-    hits = _draw(rng, weight, config.hits)
+    weight, order = _even_weights(points), _along_curve(u, v)
+    chosen = _draw(rng, weight, config.points, order)
+    hits = _draw(rng, weight, config.hits, order)
     weight = free_weights(mask, config.margin) * (depth > np.percentile(z, 1))
     free_v, free_u = np.nonzero(weight)
-    free = _draw(rng, weight[free_v, free_u], config.free)
+    free = _draw(rng, weight[free_v, free_u], config.free, _along_curve(free_u, free_v))
     free_v, free_u = free_v[free], free_u[free]
     directions = np.concatenate(
         [frame.intrinsics.backproject(u[hits], v[hits]), frame.intrinsics.backproject(free_u, free_v)]
@@ -238,7 +244,20 @@ def _even_weights(points: Float[np.ndarray, "n 3"], edge: float = 0.03) -> Float
     return 1.0 / np.sqrt(counts[inverse])
 
 
-def _draw(rng: np.random.Generator, weight: Float[np.ndarray, "n"], count: int) -> np.ndarray:
+def _draw(
+    rng: np.random.Generator, weight: Float[np.ndarray, "n"], count: int, order: Int[np.ndarray, "n"]
+) -> Int[np.ndarray, "m"]:
+    """So many at most, in this order and evenly along it, the heavier the denser (systematic sampling)."""
     if len(weight) <= count:
-        return np.arange(len(weight))
-    return rng.choice(len(weight), count, replace=False, p=weight / weight.sum())
+        return order
+    reached = np.cumsum(weight[order])
+    at = (np.arange(count) + rng.uniform()) * (reached[-1] / count)
+    return order[np.unique(np.searchsorted(reached, at).clip(max=len(order) - 1))]
+
+
+def _along_curve(u: Int[np.ndarray, "n"], v: Int[np.ndarray, "n"]) -> Int[np.ndarray, "n"]:
+    """An order of pixels in which neighbours follow each other: Morton's curve."""
+    key = np.zeros(len(u), dtype=np.int64)
+    for bit in range(16):
+        key |= (u >> bit & 1) << (2 * bit) | (v >> bit & 1) << (2 * bit + 1)
+    return np.argsort(key, kind="stable")

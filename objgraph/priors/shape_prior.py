@@ -80,9 +80,9 @@ class ShapePrior:
         objects need not stand on the floor."""
         return float(self.box[1]) / 2 if self.box is not None and self.stands else None
 
-    def half_box(self, tight: bool) -> float | Float[np.ndarray, "3"]:
-        """Half the edges of the canonical box to look for an object's surface in: a cube that holds any shape or, where
-        `tight` and all shapes fill one box, that one and some more."""
+    def half_box(self, tight: bool = True) -> float | Float[np.ndarray, "3"]:
+        """Half the edges of the canonical box to look for an object's surface in: where all shapes fill one box that one and
+        some more, else or where it need not be `tight` a cube that holds any shape."""
         return _LOOSE * self.box / 2 if tight and self.box is not None else BOX_HALF_SIZE
 
     def code_factor(self, keys: ObjectKeys) -> gtsam.NonlinearFactor:

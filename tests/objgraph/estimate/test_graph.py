@@ -6,6 +6,7 @@ import gtsam
 import numpy as np
 import pytest
 
+from factors.depth import DepthFactor
 from factors.state import ObjectState
 from factors.surface import SurfaceFactor
 from objgraph.errors import SolveError
@@ -35,21 +36,25 @@ TINY = FirstGuessConfig(code_length=1, heading_width=4, place_width=4, hidden=4)
 
 
 @pytest.mark.parametrize("chances", [(0.5, 0.5), ()])
-def test_a_first_guess_is_told_apart_on_few_points_and_the_best_is_solved_on_all(chances):
+def test_an_object_is_estimated_by_so_many_samples_of_all_its_views(chances):
     given = task(starts=(NEAR, BACK), chances=chances)
-    whole = sum(len(view.points_camera) for view in given.views)
-    sizes: list[int] = []
+    points, rays = (
+        sum(len(each) for each in several)
+        for several in zip(*((view.points_camera, view.rays.depth) for view in given.views), strict=True)
+    )
+    seen: set[tuple[int, int]] = set()
 
     def watch(problem: Problem) -> None:
-        surface = [each for each in problem.factors if isinstance(each, SurfaceFactor)]
-        sizes.append(sum(len(each.points_camera()) for each in surface))
+        (surface,) = (each for each in problem.factors if isinstance(each, SurfaceFactor))
+        (depth,) = (each for each in problem.factors if type(each) is DepthFactor)
+        seen.add((len(surface.points_camera()), len(depth._rays.depth)))
 
-    few = GraphEstimator(solver=QUICK, few=whole // 3, heading_modes=None, watch=watch)
+    few = GraphEstimator(solver=QUICK, samples=points // 3, heading_modes=None, watch=watch)
     (found,) = few.estimate([given])
     assert isinstance(found, Estimate)
     assert pose_error(found.state) < 0.03
-    assert set(sizes) == ({whole // 3, whole} if chances else {whole})
-    assert sizes == sorted(sizes)
+    assert points // 3 < rays
+    assert seen == {(points // 3, points // 3)}
 
 
 def test_a_task_whose_starts_all_fail_fails_alone():

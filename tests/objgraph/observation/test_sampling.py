@@ -7,10 +7,18 @@ import pytest
 import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
 
 from objgraph.errors import ObservationError
 from objgraph.observation.frames import Frame, Intrinsics
-from objgraph.observation.sampling import SamplingConfig, SensorNoise, independent_shares, observe, thinned
+from objgraph.observation.sampling import (
+    SamplingConfig,
+    SensorNoise,
+    _draw,
+    independent_shares,
+    observe,
+    thinned,
+)
 from tests.toys import ToyDecoder, toy_frame, toy_state
 
 CAMERA = Intrinsics(80.0, 80.0, 31.5, 23.5, 64, 48)
@@ -196,6 +204,38 @@ def test_the_counts_of_the_configuration_are_kept():
         view.correlation_length,
     )
     assert {tuple(p) for p in thin.points_camera} <= {tuple(p) for p in view.points_camera}
+
+
+def test_points_are_drawn_evenly():
+    """Of a flat mask nine squares have a ninth of the points each, to within what lies across their borders."""
+    for seed in range(5):
+        view = observe(flat_frame(), 7, SamplingConfig(points=144, hits=144), seed=seed)
+        for points in (view.points_camera, view.thinned(72, 72, seed).points_camera):
+            third = np.linspace(points[:, 0].min() - 1e-9, points[:, 0].max() + 1e-9, 4)
+            down = np.linspace(points[:, 1].min() - 1e-9, points[:, 1].max() + 1e-9, 4)
+            counts = np.histogram2d(points[:, 0], points[:, 1], (third, down))[0]
+            assert (
+                np.abs(counts - len(points) / 9).max() <= 5
+            )  # at random sixteen are fourteen to eighteen or so, 3.8 off
+
+
+@given(
+    hnp.arrays(float, st.integers(2, 60), elements=st.floats(1e-3, 1.0)),
+    st.integers(1, 20),
+    st.integers(0, 99),
+)
+def test_a_place_is_drawn_as_often_as_it_is_heavy(weight, count, seed):
+    """Over many draws, where none is so heavy that it is due twice in one."""
+    order = np.random.default_rng(seed).permutation(len(weight))
+    if count >= len(weight):
+        assert sorted(_draw(np.random.default_rng(0), weight, count, order)) == list(range(len(weight)))
+        return
+    rng, drawn, due = np.random.default_rng(seed), np.zeros(len(weight)), count * weight / weight.sum()
+    for _ in range(1000):
+        found = _draw(rng, weight, count, order)
+        assert len(set(found)) == len(found) <= count
+        drawn[found] += 1e-3
+    np.testing.assert_allclose(drawn, due.clip(max=1.0), atol=0.09)  # 5.7 deviations
 
 
 @pytest.mark.parametrize(("views", "each"), [(1, 12), (3, 4), (5, 2), (40, 1)])
