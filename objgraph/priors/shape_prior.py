@@ -19,8 +19,8 @@ from objgraph.errors import SolveError
 from objgraph.priors.first_guess import FirstGuess
 from objgraph.priors.mesh import extract_mesh
 
-_LOOSE = 1.15
-"""Times that a tight box is larger than the shapes': a decoder draws outside of it as well."""
+_LOOSE = 1.5
+"""Times that a tight box is larger than the shapes': while an object's size is wrong, what was seen of it lies outside."""
 
 
 @dataclass(frozen=True)

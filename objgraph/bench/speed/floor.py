@@ -12,11 +12,13 @@ from factors.decoder import Decoder
 from objgraph.bench.speed.figure import Figure, in_turns, ratio
 from objgraph.datasets.registry import load_scan
 from objgraph.errors import EvaluationError
+from objgraph.estimate.graph import GraphEstimator
 from objgraph.graph.builder import ObjectBuilder
 from objgraph.graph.initialise import first_states
 from objgraph.graph.single_object import ALONE, SingleObject
 from objgraph.graph.solve import SolverConfig, solve
 from objgraph.maps.pipeline import MappingConfig, observe_instance, scene_floor
+from objgraph.observation.sampling import thinned
 from objgraph.observation.view_selection import summarize
 from objgraph.priors.registry import prior_for
 from objgraph.work import threads
@@ -66,6 +68,7 @@ def _solved_chair(root: Path) -> tuple[SingleObject, Decoder]:
     if not isinstance(prior.decoder, Decoder):
         raise EvaluationError("the chair prior's decoder is of another kind: its products are not known")
     views = observe_instance(scan.frames, chair, summarize(scan.frames, config.view), config)
+    views = thinned(views, GraphEstimator.samples, GraphEstimator.samples)
     builder = ObjectBuilder(config.graph, scan.up_world, scene_floor(scan))
     first = first_states(prior, views, builder, config.initialisation)
     single = builder.alone(prior, first.states[0], views)
