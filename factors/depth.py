@@ -43,9 +43,9 @@ _NEAR = 0.1
 class RaySampling:
     """How finely rays are cut."""
 
-    coarse: int = 8
+    coarse: int = 12
     """Equal steps through the object's box that find the surface, at every refresh."""
-    cells: int = 6
+    cells: int = 10
     """Cells a ray that the factor decodes at every evaluation."""
 
     def __post_init__(self) -> None:

@@ -1,13 +1,14 @@
 """The headings beside an estimate's: the same box turned by quarters, solved anew on few points, all objects together."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import gtsam
 import numpy as np
 from jaxtyping import Float
 
 from factors import checks
+from factors.depth import RaySampling
 from factors.state import ObjectState
 from objgraph.covariance.heading_modes import QUARTERS, HeadingModes
 from objgraph.errors import ConfigError
@@ -31,6 +32,7 @@ class HeadingModesConfig:
     """Surface points of all views together."""
     rays: int = 150
     """Rays of all views together."""
+    sampling: RaySampling = field(default_factory=lambda: RaySampling(coarse=12, cells=8))
     solver: SolverConfig = field(
         default_factory=lambda: SolverConfig(
             (60.0,), 3, inner=LevenbergMarquardtConfig(iterations=4, relative_tolerance=1e-2)
@@ -107,7 +109,7 @@ def _attempts(
     if all(quarter == 0 for quarter, _ in tried):
         return []
     thin = thinned(task.views, config.points, config.rays)
-    cheap = ObjectBuilder(graph, task.up_world, task.floor)
+    cheap = ObjectBuilder(replace(graph, sampling=config.sampling), task.up_world, task.floor)
     return [(quarter, cheap.alone(prior, state, thin)) for quarter, state in tried]
 
 

@@ -62,6 +62,8 @@ class GraphConfig:
     sides: float | None = 2.0
     """How well shapes touch the sides of the box that all of the prior's fill, in standard deviations of its decoder;
     None where they need not."""
+    tight_box: bool = False
+    """Whether rays are cut within the box that the prior's shapes fill, and not within a cube that holds any shape."""
 
     def __post_init__(self) -> None:
         """Raises ConfigError where a number is not one of its kind, or there is no such renderer."""
@@ -201,7 +203,7 @@ class ObjectBuilder:
             keys, prior.decoder, camera, rays[0],
             renderer=RENDERERS[self.config.renderer], prior_sigma=prior.residual_sigma,
             sampling=self.config.sampling, share=rays[1],
-            half_box=prior.half_box(), body_T_camera=body_T_camera,
+            half_box=prior.half_box(self.config.tight_box), body_T_camera=body_T_camera,
         )  # fmt: skip
         return [surface, depth]
 
@@ -221,7 +223,7 @@ class ObjectBuilder:
                 keys, prior.decoder, self.up_world, self.floor,
                 sigma=config.floor_sigma, spacing=config.floor_spacing, stands=prior.feet,
                 renderer=RENDERERS[config.renderer], prior_sigma=prior.residual_sigma,
-                half_box=prior.half_box(),
+                half_box=prior.half_box(config.tight_box),
             )
         ]  # fmt: skip
 

@@ -15,6 +15,7 @@ from jaxtyping import Float
 
 from factors import checks
 from factors.base import SLOPES
+from factors.depth import RaySampling
 from factors.state import ObjectState
 from objgraph.errors import ConfigError, InitialisationError, ObservationError
 from objgraph.geometry.frames import transformed
@@ -53,6 +54,7 @@ class InitialisationConfig:
     """Surface points of all views together for the first ranking."""
     rays: int = 150
     """Rays of all views together for the first ranking."""
+    sampling: RaySampling = field(default_factory=lambda: RaySampling(coarse=12, cells=8))
     slope: float = 60.0
     """Occupancy slope while guesses are told apart, 1/metres."""
     inner: LevenbergMarquardtConfig = field(
@@ -205,7 +207,7 @@ def rank(
     """
     thin = thinned(views, config.points, config.rays)
     # starting shapes fill their box: a few steps from them need not be told
-    cheap = replace(builder, config=replace(builder.config, sides=None))
+    cheap = replace(builder, config=replace(builder.config, sampling=config.sampling, sides=None))
     problems = [cheap.alone(prior, state, thin) for state in states]
     solve(problems, SolverConfig((config.slope,), 1, inner=config.inner))
     shortlist = sorted(_solved(problems), key=lambda i: problems[i].cost)[: config.shortlist]

@@ -7,6 +7,7 @@ import numpy as np
 
 from factors import checks
 from factors.checks import DEVIATIONS
+from factors.depth import RaySampling
 from factors.state import ObjectState
 from objgraph.errors import ConfigError
 from objgraph.estimate.task import EstimationTask
@@ -51,10 +52,12 @@ ROADS = GraphConfig(
     floor_sigma=0.05,
     floor_spacing=0.3,
     surface_tail=None,
+    tight_box=True,
     sides=None,
+    sampling=RaySampling(coarse=8, cells=8),
 )
 """Roads are known less well than floors: a few returns on each, neither they nor the wheels are even; and a car is larger
-than a chair. Its points come of no mask. Its shape is not held to its box: of few returns that makes what one scan hardly shows look known
+than a chair and no cube. Its points come of no mask. Its shape is not held to its box: of few returns that makes what one scan hardly shows look known
 (docs/decisions/2026-11-kitti.md)."""
 
 

@@ -19,8 +19,8 @@ from objgraph.errors import SolveError
 from objgraph.priors.first_guess import FirstGuess
 from objgraph.priors.mesh import extract_mesh
 
-_LOOSE = 1.5
-"""Times that a tight box is larger than the shapes': while an object's size is wrong, what was seen of it lies outside."""
+_LOOSE = 1.15
+"""Times that a tight box is larger than the shapes': a decoder draws outside of it as well."""
 
 
 @dataclass(frozen=True)
@@ -80,9 +80,9 @@ class ShapePrior:
         objects need not stand on the floor."""
         return float(self.box[1]) / 2 if self.box is not None and self.stands else None
 
-    def half_box(self, tight: bool = True) -> float | Float[np.ndarray, "3"]:
-        """Half the edges of the canonical box to look for an object's surface in: where all shapes fill one box that one and
-        some more, else or where it need not be `tight` a cube that holds any shape."""
+    def half_box(self, tight: bool) -> float | Float[np.ndarray, "3"]:
+        """Half the edges of the canonical box to look for an object's surface in: a cube that holds any shape or, where
+        `tight` and all shapes fill one box, that one and some more."""
         return _LOOSE * self.box / 2 if tight and self.box is not None else BOX_HALF_SIZE
 
     def code_factor(self, keys: ObjectKeys) -> gtsam.NonlinearFactor:

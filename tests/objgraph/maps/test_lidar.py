@@ -120,7 +120,7 @@ def test_settings_of_a_lidar_are_its_own_and_those_of_a_camera_are_refused(tmp_p
     assert used["task"]["detector"]["position"] == 0.2
     assert (used["task"]["sampling"]["free"], used["task"]["sampling"]["points"]) == (40, 250)
     assert (used["graph"]["floor_sigma"], used["seed"]) == (0.1, 3)
-    assert used["graph"]["floor_spacing"] == 0.3  # what was not given is as it is for roads
+    assert used["graph"]["tight_box"]  # what was not given is as it is for roads
     assert (document["dataset"], document["root"], document["scene"]) == ("kitti", str(street), "000000")
     said = capsys.readouterr().out
     assert re.search(r"^mapped car \d: 2 of 2, \d+\.\d s$", said, flags=re.MULTILINE)
