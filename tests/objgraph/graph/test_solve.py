@@ -174,11 +174,11 @@ def test_no_start_is_made_worse():
 
 def test_a_start_that_coarse_rounds_lead_away_from_is_solved_at_the_last_slope():
     problem = chair_problem()
-    solve([problem], SolverConfig(slopes=(400.0,), rounds=1, inner=LevenbergMarquardtConfig(iterations=2)))
+    solve([problem], SolverConfig(slopes=(400.0,), rounds=1, inner=LevenbergMarquardtConfig(iterations=3)))
     away, alone = (
         Problem(problem.name, problem.graph, gtsam.Values(problem.values), problem.factors) for _ in range(2)
     )
-    few = SolverConfig(slopes=(5.0, 400.0), rounds=1)
+    few = SolverConfig(slopes=(2.0, 400.0), rounds=1)
     solve([away], few)
     solve([alone], replace(few, slopes=(400.0,)))
     assert away.cost < 0.99 * away.cost_initial  # or this start would show nothing

@@ -64,7 +64,7 @@ def test_a_match_tells_where_the_camera_is_for_the_others():
 def test_a_turned_camera_is_put_right_before_overlap_is_judged():
     states = row(3, 0.8)
     detections = seen(states)
-    turned = detections[0].view.T_world_camera.retract(np.array([0.1, -0.2, 0.1, 0.0, 0.0, 0.0]))
+    turned = detections[0].view.T_world_camera.retract(np.array([0.1, -0.22, 0.1, 0.0, 0.0, 0.0]))
     variances = np.repeat([0.01, 0.15, 0.03], [13, 3, 3]) ** 2
     objects = [replace(mapped(state), covariance=lambda: np.diag(variances)) for state in states]
     config = AssociationConfig(distance=0.03)

@@ -63,10 +63,10 @@ def test_an_object_that_entered_in_a_wrong_heading_turns_once_it_has_been_seen_e
         keys += [entry.keys for entry in objects.objects]
     assert 80 < min(degrees[:3]) < max(degrees[:3]) < 100
     assert max(degrees[3:]) < 5
-    assert said == ["chair 0 has turned: its 5 views say so"]
     (entry,) = objects.objects
-    assert off(objects.state(entry), world)[0] < 0.02
-    assert entry.views == len(entry.placed_views) == FRAMES
+    assert said == [f"{entry.name} has turned: its 5 views say so"]
+    assert off(objects.state(entry), world)[0] < 0.04
+    assert 5 <= entry.views == len(entry.placed_views) <= FRAMES  # a first sighting may have been let go
     assert entry.other_headings is not None
     assert entry.other_headings.probability[0] > 0.9
     # nothing is left of what it was, and the map goes on
