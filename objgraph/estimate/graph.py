@@ -29,7 +29,7 @@ class GraphEstimator:
     heading_modes: HeadingModesConfig | None = field(default_factory=HeadingModesConfig)
     """None takes the heading that was found as the only one."""
     samples: int = 600
-    """Surface points, and rays, of all views together that an object is estimated by: with more it is no better."""
+    """Surface points, and rays, of all views together that an object is estimated by."""
     gravity: bool = True
     """Whether it is told where up and the floor are; without, no object need be upright or stand."""
     watch: Callable[[Problem], None] | None = field(default=None, compare=False)

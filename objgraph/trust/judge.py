@@ -1,6 +1,5 @@
 """The verdict on an object, and its box so that sets hold as many as they say: of any estimate, and of objects in a graph."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
@@ -30,7 +29,8 @@ class Judgement:
 
     trust: Trust
     box: BoxPose
-    """Its covariance is calibrated: 95 % sets hold as many; with the second moment of the other headings it may have."""
+    """Its covariance is calibrated, on estimates as `map_scan` makes them (how far it holds: docs/guides/covariances.md), and has the second
+    moment of the other headings that it may have."""
 
 
 class Handle(Protocol):
@@ -62,7 +62,8 @@ def judge(objects: Objects, handle: Handle, calibration: Calibration | None = No
     the prior's first guess by the object's views as their cameras stand now.
 
     Raises:
-        ObservationError: it has no view, or the graph does not know which way is up.
+        ObservationError: the graph does not know which way is up.
+        InitialisationError: its views show too few points.
         CovarianceError: the calibration is none.
         SolveError: the graph leaves the object undetermined, or its code has no surface.
     """
@@ -106,8 +107,5 @@ def _other_headings(state: ObjectState, first: FirstStates) -> HeadingModes | No
     """How likely the object stands as it does, or turned, by a first guess's probabilities; None where there is no guess."""
     if not first.chances:
         return None
-    unlikely: Sequence[float] = [
-        np.inf,
-        *-np.log(first.chances),
-    ]  # of the state itself, what stands like it says
-    return HeadingModes.of_states([state, *first.states], np.array(unlikely), 0, temperature=1.0)
+    unlikely = np.append(np.inf, -np.log(first.chances))  # the state itself has what stands like it
+    return HeadingModes.of_states([state, *first.states], unlikely, 0, temperature=1.0)

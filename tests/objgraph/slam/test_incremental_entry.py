@@ -61,11 +61,13 @@ def test_an_object_that_starts_half_a_metre_off_is_found_or_refused(world, seed)
     assert distance(objects.state(entry).T_world_object, world.states[0].T_world_object) < 0.04
 
 
-@pytest.mark.parametrize("seed", range(5))
-def test_an_object_that_starts_off_its_place_is_solved_before_it_enters(world, seed):
+@pytest.mark.parametrize(
+    ("start", "seed"), [*(((0.15, 0.3), seed) for seed in range(5)), ((0.5, 0.5), 7), ((3.0, 3.0, 0.7), 7)]
+)
+def test_an_object_that_starts_off_its_place_is_solved_before_it_enters(world, start, seed):
     objects, placed = cameras_only(world, seed)
     entry = chair()
-    objects.system.add_object(entry, displaced(world.states[0], 0.15, 0.3), placed)
+    objects.system.add_object(entry, displaced(world.states[0], *start), placed)
     objects.system.commit()
     assert distance(objects.state(entry).T_world_object, world.states[0].T_world_object) < 0.04
     for k in range(SEEN):

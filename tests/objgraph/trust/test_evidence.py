@@ -92,9 +92,9 @@ def test_size_is_in_the_category_s_deviations():
 
 
 def test_the_side_away_from_the_camera_is_not_seen():
-    evidence, sides = found(azimuths=AROUND[:1])
+    evidence, sides = found(azimuths=AROUND[1:2])
     assert sides.shape == (3, 2)
-    assert sides.min() < 0.4 * sides.max()
+    assert sides.min() < 0.3
     assert sides.max() > 0.8
     assert sides.min() < evidence.seen < sides.max()
 
