@@ -28,7 +28,8 @@ from objgraph.synthetic.sensor import SensorConfig, sense_depth, sense_masks
 SIZES = {"small": 6, "standard": 24, "full": 100}
 """Objects a category."""
 _NUMBERS = {
-    "chair": 0, "table": 1, "sofa": 2, "bed": 3, "cabinet": 4, "bookshelf": 5, "bathtub": 6, "trash_bin": 7
+    "chair": 0, "table": 1, "sofa": 2, "bed": 3, "cabinet": 4, "bookshelf": 5, "bathtub": 6, "trash_bin": 7,
+    "display": 8,
 }  # fmt: skip
 """In the seeds: never to be changed."""
 _TARGET = 1

@@ -116,8 +116,8 @@ def _walk(
     height = rng.uniform(*HEIGHT_M)
     bearing += rng.normal(0, 0.3)
     level = np.sqrt(max(faults.distance_m**2 - (height - middle[2]) ** 2, 0.0))
-    # before a large table a person stands farther from its middle
-    corners = room.target.footprint - middle[:2]
+    # before a large table, or a desk, a person stands farther from its middle
+    corners = room.occupied[0] - middle[:2]
     level = max(level, float((corners @ [np.cos(bearing), np.sin(bearing)]).max()) + _FROM_EDGE_M)
     # where the hand wants to look stays much the same from view to view
     aim = middle + rng.normal(0, faults.aim_m, 3) * [1, 1, 0.5]

@@ -8,6 +8,7 @@ from jaxtyping import Float
 from numpy.random import Generator
 
 from objgraph.bench.worlds.crowd import pushed_against, things_on
+from objgraph.bench.worlds.desks import CARRIED, on_desk
 from objgraph.bench.worlds.families import FAMILIES, make_piece
 from objgraph.synthetic.faults import Faults
 from objgraph.synthetic.furniture import Category, Furniture
@@ -32,7 +33,7 @@ class Room:
     shell: tuple[trimesh.Trimesh, ...]
     """Floor, walls, and the boxes and plants that no mask names."""
     occupied: tuple[Rectangle, ...]
-    """Footprints of everything that stands on the floor, the target's first."""
+    """Footprints of everything that stands on the floor, the target's, or its desk's, first."""
     size_m: tuple[float, float]
 
     @property
@@ -43,7 +44,7 @@ class Room:
 
 
 def draw_room(piece: Furniture, bearing: float, rng: Generator, faults: Faults | None = None) -> Room:
-    """The piece near the middle at any heading, with 2 to 5 things about it, some of them towards `bearing`.
+    """The piece near the middle at any heading, with 2 to 5 things about it, some of them towards `bearing`. Displays stand on a desk.
 
     `bearing`: radians about z from the target to where the first view is to be taken. With `faults` there may be things
     on it, and furniture pushed under or over it.
@@ -52,16 +53,20 @@ def draw_room(piece: Furniture, bearing: float, rng: Generator, faults: Faults |
     target = stand(
         piece, draw_scale(piece, rng), rng.uniform(-0.1, 0.1, 2) * size, rng.uniform(-np.pi, np.pi)
     )
-    occupied, clutter, props = [target.footprint], [], []
+    clutter, props = [], []
+    base = target
+    if piece.category in CARRIED:
+        target, base = on_desk(target, rng)
+        clutter.append(base)
+    occupied = [base.footprint]
     if faults is not None:
         if faults.pushed or faults.merged:
-            clutter.append(
-                pushed_against(
-                    target, _any_piece(rng, "table" if piece.category == "chair" else "chair"), rng
-                )
-            )
-            occupied.append(clutter[0].footprint)
-        props += things_on(target, round(faults.things_on), rng)
+            other = _any_piece(rng, "table" if piece.category == "chair" else "chair")
+            clutter.append(pushed_against(base, other, rng))
+            occupied.append(clutter[-1].footprint)
+        for thing in things_on(base, round(faults.things_on), rng):
+            if base is target or not overlap(_footprint(thing), target.footprint):
+                props.append(thing)
     for _ in range(int(rng.integers(2, 6))):
         mean = bearing if rng.random() < _NEAR_VIEW else rng.uniform(-np.pi, np.pi)
         if rng.random() < _FURNITURE:
