@@ -169,23 +169,27 @@ def _fitted(table: Table, chosen: np.ndarray, widths: _Widths, common: _Common) 
 
 
 def _widths(table: Table, chosen: np.ndarray) -> _Widths:
-    sides = _sides(table, chosen & table.upright)
+    sides = likeliest_sides(table, chosen & table.upright)
     matrices = sides.widened(table.marginals, table.extents, table.seen_sides)
     return _Widths(sides, matrices, table.needed(matrices))
 
 
-def _sides(table: Table, chosen: np.ndarray) -> SideMisfit:
-    """The likeliest, with Student's t in place of the normal distribution: a mask with a neighbour in it must not speak for all."""
-    errors, marginals = table.errors[chosen], table.marginals[chosen]
-    extents, seen = table.extents[chosen], table.seen_sides[chosen]
+def likeliest_sides(table: Table, chosen: np.ndarray) -> SideMisfit:
+    """By which the chosen objects' errors are likeliest."""
 
     def loss(log_values: np.ndarray) -> float:
-        matrices = SideMisfit(*np.exp(log_values)).widened(marginals, extents, seen)
-        squared = np.einsum("ni,ni->n", errors, np.linalg.solve(matrices, errors[..., None])[..., 0])
-        spread = 0.5 * np.linalg.slogdet(matrices)[1]
-        return float(np.mean(spread + 0.5 * (_STUDENT + 9) * np.log1p(squared / _STUDENT)))
+        return unlikelihood(SideMisfit(*map(float, np.exp(log_values))), table, chosen)
 
-    found = minimize(
-        loss, np.log(_USUAL), method="Nelder-Mead", bounds=np.log(_POSSIBLE), options={"maxiter": 400}
-    )
+    # a simplex collapses onto the bounds
+    found = minimize(loss, np.log(_USUAL), method="L-BFGS-B", bounds=np.log(_POSSIBLE))
     return SideMisfit(*(float(value) for value in np.exp(found.x)))
+
+
+def unlikelihood(sides: SideMisfit, table: Table, chosen: np.ndarray) -> float:
+    """Mean negative log-likelihood of the chosen objects' errors, but for a constant: Student's t in place of the normal
+    distribution, since a mask with a neighbour in it must not speak for all."""
+    errors = table.errors[chosen]
+    matrices = sides.widened(table.marginals[chosen], table.extents[chosen], table.seen_sides[chosen])
+    squared = np.einsum("ni,ni->n", errors, np.linalg.solve(matrices, errors[..., None])[..., 0])
+    spread = 0.5 * np.linalg.slogdet(matrices)[1]
+    return float(np.mean(spread + 0.5 * (_STUDENT + 9) * np.log1p(squared / _STUDENT)))

@@ -27,8 +27,8 @@ def calibration(prior: str = "weights") -> Calibration:
     return Calibration({"chair": chair}, {"program": "none"})
 
 
-def objects(count: int, seed: int = 0, tail: float = 0.0) -> list[Judged]:
-    """Chairs and tables with boxes that err as `SIDES` say, and more, by e to the power of `tail`, the less is seen; poses are
+def objects(count: int, seed: int = 0, tail: float = 0.0, misfit: SideMisfit = SIDES) -> list[Judged]:
+    """Chairs and tables with boxes that err as the misfit of sides says, and more, by e to the power of `tail`, the less is seen; poses are
     right with a probability that grows with what is seen."""
     rng = np.random.default_rng(seed)
     made = []
@@ -38,7 +38,7 @@ def objects(count: int, seed: int = 0, tail: float = 0.0) -> list[Judged]:
         root = rng.normal(size=(9, 9)) * 0.005
         marginals = root @ root.T + 1e-6 * np.eye(9)
         extents, sides = rng.uniform(0.4, 1.6, 3), rng.uniform(size=(3, 2))
-        matrix = SIDES.widened(marginals, extents, sides)
+        matrix = misfit.widened(marginals, extents, sides)
         wider = np.exp(tail * (1 - seen) + 0.3 * rng.normal())
         error = wider * np.linalg.cholesky(matrix) @ rng.normal(size=9)
         right = rng.uniform() < 1 / (1 + np.exp(-12 * (seen - 0.4)))

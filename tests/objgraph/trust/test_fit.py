@@ -4,13 +4,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from scipy.stats import chi2
 
 from objgraph.covariance.box_modes import factor_needed
+from objgraph.covariance.sides import SideMisfit
 from objgraph.errors import CovarianceError
 from objgraph.trust.calibration import LEVELS
 from objgraph.trust.fit import fit
-from objgraph.trust.fitted import Judged
+from objgraph.trust.fitted import Judged, Table, likeliest_sides, unlikelihood
 from objgraph.trust.held_out import held_out
 from tests.objgraph.trust.calibrations import SIDES, objects
 
@@ -27,6 +30,16 @@ def test_the_sides_misfit_is_found():
     assert found.seen == pytest.approx(SIDES.seen, rel=0.25)
     assert found.unseen == pytest.approx(SIDES.unseen, rel=0.25)
     assert 1.0 < found.marginals < 9.0
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.floats(0.3, 8.0), st.floats(0.002, 0.03), st.floats(0.004, 0.3), st.integers(0, 1000))
+def test_nothing_is_likelier_than_what_is_found_not_even_the_truth(marginals, seen, unseen, seed):
+    truth = SideMisfit(marginals, seen, unseen)
+    table = Table(objects(120, seed, misfit=truth))
+    everything = np.ones(len(table.errors), bool)
+    found = unlikelihood(likeliest_sides(table, everything), table, everything)
+    assert found <= unlikelihood(truth, table, everything) + 1e-4
 
 
 @pytest.mark.parametrize("level", LEVELS)
