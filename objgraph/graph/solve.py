@@ -19,6 +19,7 @@ from factors.sdf import SdfQuery
 from objgraph.diagnostics.linear import hessian_diagonal
 from objgraph.diagnostics.undetermined import check_linear
 from objgraph.errors import ConfigError, ObjectGraphError, SolveError
+from objgraph.work import threads
 
 
 @dataclass(frozen=True)
@@ -109,6 +110,7 @@ class Problem:
             return np.inf
 
 
+@threads(1)
 def solve(
     problems: Sequence[Problem],
     config: SolverConfig | None = None,
@@ -122,6 +124,7 @@ def solve(
     refreshed cost at the last slope, the start among them. `progress` is called with (rounds done, rounds at most).
     Damping finds a minimum of a problem that leaves something undetermined too, and says nothing of it; with
     `refuse_undetermined` such a problem fails before it is moved, and its failure names what is missing.
+    It works in one thread, whatever torch has: more hardly help, and where others work they wait for each other.
     """
     config = checks.settings_or_default(config, SolverConfig, ConfigError)
     last = config.slopes[-1]
@@ -174,6 +177,7 @@ def _still_falling(
     return before - cost > min(config.relative_tolerance * cost, config.absolute_tolerance)
 
 
+@threads(1)
 def minimize(problem: Problem, config: LevenbergMarquardtConfig | None = None) -> None:
     """One Levenberg-Marquardt run with everything frozen as it is; raises SolveError where it fails."""
     if _guarded(problem, _start):

@@ -52,6 +52,10 @@ class Trust:
         return next(word for least, word in WORDS if self.pose >= least)
 
     @property
+    def is_poor(self) -> bool:
+        return self.word == WORDS[-1][1]
+
+    @property
     def percent(self) -> int:
         """The pose's probability as it is shown: never whole."""
         return min(max(round(100 * self.pose), 1), 99)

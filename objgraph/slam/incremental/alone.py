@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import gtsam
 import numpy as np
@@ -15,8 +16,10 @@ from objgraph.graph.builder import ObjectBuilder
 from objgraph.graph.initialise import FirstStates, first_states
 from objgraph.graph.solve import SolverConfig
 from objgraph.observation.sampling import ObjectView
+from objgraph.priors.mesh import extract_mesh
 from objgraph.priors.shape_prior import ShapePrior
 from objgraph.slam.incremental.config import IncrementalConfig
+from objgraph.trust import Trust, judge_estimate, shipped_calibration
 
 _SAME = np.radians(45)
 """Turns by less are the same heading."""
@@ -34,12 +37,21 @@ class Alone:
 
     def rough(self) -> Estimate:
         """Where it is about, to be recognised by."""
-        first = self._first()
+        first = self._first
         return self._solved(FirstStates(first.states[:1], first.chances[:1]), self.config.rough, None)
 
     def first(self) -> Estimate:
         """As it may enter the map: all headings that its views leave are solved."""
-        return self._solved(self._first(), self.config.start, HeadingModesConfig())
+        return self._solved(self._first, self.config.start, HeadingModesConfig())
+
+    def trust(self, estimate: Estimate) -> Trust | None:
+        """The verdict on an estimate; None where the shipped calibration knows nothing of such objects."""
+        known, prior = shipped_calibration(), self.prior
+        if known.of(prior.category, prior.digest) is None:
+            return None
+        surface = np.asarray(extract_mesh(prior.decoder, estimate.state.code).vertices)
+        judged = judge_estimate(self._task(self._first), estimate, estimate.state.to_world(surface), known)
+        return None if judged is None else judged.trust
 
     def again(self, state: ObjectState) -> Estimate:
         """Beginning where it is, and in no other heading."""
@@ -57,12 +69,13 @@ class Alone:
             return found
         return replace(self.again(state), turns=modes.turned(before[0]))
 
+    @cached_property
     def _first(self) -> FirstStates:
         return first_states(self.prior, self.views, self.builder, self.config.initialisation)
 
     def _beside(self, state: ObjectState) -> FirstStates:
         """The state, as likely as the first guess holds its heading, and the other headings' states."""
-        first = self._first()
+        first = self._first
         said = list(zip(first.states, first.chances, strict=True))
         others = [(other, p) for other, p in said if is_turned(state, other)]
         same = [p for other, p in said if not is_turned(state, other)]
@@ -72,17 +85,20 @@ class Alone:
     def _solved(
         self, starts: FirstStates, solver: SolverConfig, headings: HeadingModesConfig | None
     ) -> Estimate:
-        up_world, floor = self.builder.up_world, self.builder.floor
-        assert up_world is not None  # or nothing would have been placed
-        task = EstimationTask(
-            self.name, self.prior, starts.states, tuple(self.views), up_world, floor, chances=starts.chances
-        )
-        (result,) = GraphEstimator(self.config.graph, solver, heading_modes=headings).estimate([task])
+        estimator = GraphEstimator(self.config.graph, solver, heading_modes=headings)
+        (result,) = estimator.estimate([self._task(starts)])
         if isinstance(result, ObjectGraphError):
             raise result
         if result.covariance is None:
             raise SolveError(f"{self.name}: its estimate has no covariance")
         return result
+
+    def _task(self, starts: FirstStates) -> EstimationTask:
+        up_world, floor = self.builder.up_world, self.builder.floor
+        assert up_world is not None  # or nothing would have been placed
+        return EstimationTask(
+            self.name, self.prior, starts.states, tuple(self.views), up_world, floor, chances=starts.chances
+        )
 
 
 def is_turned(a: ObjectState, b: ObjectState) -> bool:

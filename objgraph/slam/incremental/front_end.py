@@ -26,6 +26,8 @@ from objgraph.slam.incremental.tracked import TrackedObject
 from objgraph.slam.incremental.upkeep import Upkeep
 
 _LOG = logging.getLogger(__name__)
+VIEWS_ENOUGH = 5
+"""Of an object that is in doubt: then it enters as it is, to be solved again as the map's objects are."""
 _NEARBY = 4.0
 """Metres between a detection's points and an object's centre beyond which they are never compared."""
 
@@ -265,6 +267,10 @@ class FrontEnd:
         for entry in self._pending:
             if entry.views and entry.is_ripe(self.config):
                 try:
+                    if (doubt := self._doubt(entry)) is not None:
+                        reasons.append(doubt)
+                        waiting.append(entry)
+                        continue
                     reasons += self._enter(entry)
                     entered += [entry.name] if entry.name in self._centres else []
                 except ObjectGraphError as error:
@@ -281,11 +287,21 @@ class FrontEnd:
             held = [key for key, _ in entry.views if self.system.smoother.has(key)]
             entry.follow({key: self.system.camera_pose(key) for key in held})
 
+    def _doubt(self, pending: PendingObject) -> str | None:
+        """Solve a ripe object alone, and say why it waits for more views; None where it may enter."""
+        views = [view.at(pending.cameras[key]) for key, view in pending.views]
+        alone = Alone(pending.name, pending.prior, views, self.system.builder, self.config)
+        pending.estimate = alone.first()
+        trust = None if len(views) >= VIEWS_ENOUGH else alone.trust(pending.estimate)
+        if trust is None or not trust.is_poor:
+            return None
+        pending.awaited = VIEWS_ENOUGH
+        return f"{pending.name} waits for {VIEWS_ENOUGH} views: its pose is right with {trust.percent} %"
+
     def _enter(self, pending: PendingObject) -> list[str]:
-        """Solve a ripe object alone, then enter it, or its views where it is one that the map has already."""
+        """Enter a ripe object, or its views where it is one that the map has already."""
         system = self.system
         views = [view.at(pending.cameras[key]) for key, view in pending.views]
-        pending.estimate = Alone(pending.name, pending.prior, views, system.builder, self.config).first()
         near = self._near([(view, pending.prior) for view in views])
         doubles = duplicates(
             [pending.candidate(), *(self._alone(entry) for entry in near)], self.config.association

@@ -31,6 +31,8 @@ class PendingObject:
     """Camera keys and views."""
     cameras: dict[int, gtsam.Pose3] = field(default_factory=dict)
     """T_world_camera of the views, where the estimate belongs to them."""
+    awaited: int = 0
+    """Views that are due before it may enter, where fewer left it in doubt."""
 
     def see(self, camera: int, T_world_camera: gtsam.Pose3, view: ObjectView, number: int) -> None:
         """One more view, in the frame of this number."""
@@ -59,7 +61,7 @@ class PendingObject:
 
     def is_ripe(self, config: IncrementalConfig) -> bool:
         """Whether it was seen often enough, and from directions that differ enough."""
-        if len(self.views) < config.views_to_enter:
+        if len(self.views) < max(config.views_to_enter, self.awaited):
             return False
         centre = self.estimate.state.T_world_object.translation()
         towards = [self.cameras[key].translation() - centre for key, _ in self.views]

@@ -5,6 +5,7 @@ from dataclasses import replace
 import gtsam
 import numpy as np
 import pytest
+import torch
 from gtsam.symbol_shorthand import X
 
 from factors.state import ObjectKeys, ObjectState
@@ -202,3 +203,18 @@ def test_a_worse_last_round_is_not_kept():
     assert problem.cost == pytest.approx(min(costs), rel=1e-9)
     problem.refresh(200.0)
     assert problem.refreshed[-1][1] == pytest.approx(min(costs), rel=1e-9)
+
+
+@pytest.mark.parametrize("run", [solve, minimize])
+def test_torch_has_one_thread_meanwhile(run):
+    """And as many as before afterwards: what is found depends on none."""
+    problem, seen = egg_problem(), []
+    problem.watch = lambda _: seen.append(torch.get_num_threads())
+    before = torch.get_num_threads()
+    torch.set_num_threads(2)
+    try:
+        run([problem] if run is solve else problem)
+        assert set(seen) == {1}
+        assert torch.get_num_threads() == 2
+    finally:
+        torch.set_num_threads(before)

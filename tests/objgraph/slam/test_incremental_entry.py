@@ -11,13 +11,22 @@ from factors.errors import NotFiniteError
 from factors.reduce import guarded_factor
 from factors.state import ObjectKeys, ObjectState
 from objgraph.errors import SolveError
+from objgraph.estimate.task import EstimationTask
+from objgraph.graph.builder import ObjectBuilder
+from objgraph.graph.initialise import first_states
 from objgraph.graph.solve import Problem
 from objgraph.observation.sampling import ObjectView, observe
+from objgraph.priors.mesh import extract_mesh
+from objgraph.slam.incremental.alone import Alone
+from objgraph.slam.incremental.front_end import VIEWS_ENOUGH
 from objgraph.slam.incremental.local import polish
 from objgraph.slam.incremental.object_graph import IncrementalObjectGraph
 from objgraph.slam.incremental.tracked import TrackedObject
+from objgraph.trust import Trust, judge_estimate
+from tests.objgraph.graph.graph_cases import UP, views_of
 from tests.objgraph.slam.test_incremental import QUICK, World, distance, mapper, two_chairs
-from tests.toys import toy_prior
+from tests.objgraph.trust.calibrations import calibration
+from tests.toys import toy_prior, toy_state
 
 SEEN = 3
 
@@ -98,6 +107,38 @@ def test_an_object_that_entered_but_cannot_be_merged_has_entered(world, monkeypa
     assert any("chair 0 is not merged with its neighbours: they do not fit" in reason for reason in said)
     assert not any("does not enter" in reason for reason in said)
     assert len(objects.objects) == 1
+
+
+@pytest.mark.parametrize("chance", [0.2, 0.5, None])
+def test_an_object_in_doubt_waits_for_more_views(world, monkeypatch, chance):
+    """Then it enters all the same; one that no calibration knows does not wait."""
+    monkeypatch.setattr(Alone, "trust", lambda *_: None if chance is None else Trust(chance, chance))
+    objects = mapper()
+    reports = [objects.update(frame, world.detections(frame)[:1]) for frame in world.frames[:6]]
+    (entered,) = [k for k, report in enumerate(reports) if report.entered]
+    said = [reason for report in reports for reason in report.reasons if "waits" in reason]
+    if chance == 0.2:
+        assert entered == VIEWS_ENOUGH - 1
+        assert said == [f"chair 0 waits for {VIEWS_ENOUGH} views: its pose is right with 20 %"]
+    else:
+        assert entered < VIEWS_ENOUGH - 1
+        assert not said
+
+
+def test_the_doubt_is_the_shipped_calibration_s(monkeypatch):
+    prior = replace(toy_prior(), category="chair")
+    views = views_of(toy_state(1.0))
+    alone = Alone("chair 0", prior, views, ObjectBuilder(QUICK.graph, UP, 0.0), QUICK)
+    estimate = alone.first()
+    assert alone.trust(estimate) is None  # it knows no such prior
+    known = calibration(prior.digest)
+    monkeypatch.setattr("objgraph.slam.incremental.alone.shipped_calibration", lambda: known)
+    first = first_states(prior, views, alone.builder, QUICK.initialisation)
+    task = EstimationTask("chair 0", prior, first.states, tuple(views), UP, 0.0, chances=first.chances)
+    surface = estimate.state.to_world(np.asarray(extract_mesh(prior.decoder, estimate.state.code).vertices))
+    judged = judge_estimate(task, estimate, surface, known)
+    assert judged is not None
+    assert alone.trust(estimate) == judged.trust
 
 
 def test_nothing_is_asked_of_objects_that_no_detection_is_near(world, monkeypatch):
