@@ -11,6 +11,7 @@ from objgraph.errors import ObjectGraphError, SolveError
 from objgraph.estimate.heading_modes import HeadingModesConfig, heading_modes
 from objgraph.estimate.task import Estimate, EstimationTask, unusable
 from objgraph.graph.builder import GraphConfig, ObjectBuilder
+from objgraph.graph.headings import SAMPLES, coarsely, likeliest
 from objgraph.graph.single_object import SingleObject
 from objgraph.graph.solve import Problem, SolverConfig, solve
 from objgraph.observation.sampling import thinned
@@ -28,7 +29,7 @@ class GraphEstimator:
     solver: SolverConfig = field(default_factory=SolverConfig)
     heading_modes: HeadingModesConfig | None = field(default_factory=HeadingModesConfig)
     """None takes the heading that was found as the only one."""
-    samples: int = 600
+    samples: int = SAMPLES
     """Surface points, and rays, of all views together that an object is estimated by."""
     gravity: bool = True
     """Whether it is told where up and the floor are; without, no object need be upright or stand."""
@@ -56,8 +57,7 @@ class GraphEstimator:
     def _solved(
         self, attempts: Sequence["_Attempts"], progress: Callable[[int, int], None] | None
     ) -> list[Estimate | SolveError]:
-        first = replace(self.solver, slopes=self.solver.slopes[:1], rounds=1)
-        solve([single for attempt in attempts for single in attempt.tried], first)
+        solve([single for attempt in attempts for single in attempt.tried], coarsely(self.solver))
         last = self.solver.slopes[-1]
         for attempt in attempts:
             attempt.choose(self.heading_modes)
@@ -118,16 +118,9 @@ class _Attempts:
         temperature = (
             (headings or HeadingModesConfig()).temperature if guess is None else guess.config.temperature
         )
-        unlikely = -temperature * np.log(self.task.chances or np.ones(len(self.tried)))
-        costs = [
-            single.cost + more if single.failure is None else np.inf
-            for single, more in zip(self.tried, unlikely, strict=True)
-        ]
-        best = int(np.argmin(costs))
+        best, modes = likeliest(self.tried, self.task.chances, temperature)
         self.chosen = self.tried[best]
-        if self.is_good and headings is not None and self.task.chances:
-            states = [single.state for single in self.tried]
-            self.turns = HeadingModes.of_states(states, np.array(costs), best, temperature)
+        self.turns = None if headings is None else modes
 
     def estimate(self, slope: float) -> Estimate | SolveError:
         problem = self.chosen

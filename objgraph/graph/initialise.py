@@ -26,6 +26,7 @@ from objgraph.graph.solve import LevenbergMarquardtConfig, Problem, SolverConfig
 from objgraph.observation.gravity_box import gravity_box, smallest_heading
 from objgraph.observation.sampling import ObjectView, thinned
 from objgraph.priors.shape_prior import ShapePrior
+from objgraph.work import torch_threads
 
 
 @dataclass(frozen=True)
@@ -77,6 +78,7 @@ class InitialisationConfig:
         )  # fmt: skip
 
 
+@torch_threads(1)  # what is found then depends on no number of them
 def first_states(
     prior: ShapePrior,
     views: Sequence[ObjectView],

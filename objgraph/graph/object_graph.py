@@ -21,7 +21,8 @@ from objgraph.covariance.posterior import Posterior
 from objgraph.diagnostics.undetermined import require_values
 from objgraph.errors import ConfigError, ObjectGraphError, ObservationError, PriorError, SolveError
 from objgraph.graph.builder import DetectedBox, GraphConfig, ObjectBuilder
-from objgraph.graph.initialise import InitialisationConfig, first_states
+from objgraph.graph.headings import placed
+from objgraph.graph.initialise import InitialisationConfig
 from objgraph.graph.solve import Problem, SolverConfig, solve
 from objgraph.observation.sampling import ObjectView
 from objgraph.priors.registry import prior_for
@@ -51,7 +52,7 @@ class ObjectHandle:
     sightings: list[Sighting] = field(default_factory=list)
     """What it was observed in."""
     other_headings: HeadingModes | None = None
-    """How likely it stands as estimated or turned, where you found out (`objgraph.trust.judge`)."""
+    """How likely it stands as estimated or turned, by the views that it was placed by."""
     slots: dict[int, gtsam.NonlinearFactor] = field(default_factory=dict)
     """All its factors by their index in the caller's graph."""
 
@@ -94,8 +95,8 @@ class ObjectGraph:
         """Add an object's variables and what is known beforehand of its code, its scale and, where up is known, its lean.
 
         `prior` is a shape prior or the name of a category. `start` is the first estimate, or views of the object
-        from which to find one: each as seen from its own `T_world_camera` (`ObjectView.at` sets another). The views
-        add no factor of theirs: `observe` does. `up_world` stands in for the graph's own. `box` is a detector's, as a
+        from which to find one: each as seen from its own `T_world_camera` (`ObjectView.at` sets another). All headings that
+        they leave are tried, on a part of their samples. The views add no factor of theirs: `observe` does. `up_world` stands in for the graph's own. `box` is a detector's, as a
         measurement of place and size.
 
         Raises:
@@ -110,13 +111,17 @@ class ObjectGraph:
         builder = self.builder if up_world is None else replace(self.builder, up_world=up_world)
         name = f"{prior.category} {len(self.objects)}" if name is None else checks.text("name", name)
         views = [] if isinstance(start, ObjectState) else _several(name, start)
-        state = start if isinstance(start, ObjectState) else self._placed(name, prior, views, builder)
+        if isinstance(start, ObjectState):
+            state, headings = start, None
+        else:
+            state, headings = self._placed(name, prior, views, builder)
         if len(state.code) != prior.decoder.code_length:
             raise FactorError(
                 f"{name}: a code of length {len(state.code)}, its decoder takes {prior.decoder.code_length}"
             )
         keys = ObjectKeys.numbered(self._free_index()) if keys is None else keys
-        handle = ObjectHandle(name, checks.instance(f"{name}: keys", keys, ObjectKeys), prior)
+        checks.instance(f"{name}: keys", keys, ObjectKeys)
+        handle = ObjectHandle(name, keys, prior, other_headings=headings)
         state.check_finite(handle.keys)
         builder.check_upright(handle.keys, state)
         # all that may fail comes before the first change
@@ -300,9 +305,9 @@ class ObjectGraph:
         prior: ShapePrior,
         views: Sequence[ObjectView],
         builder: ObjectBuilder,
-    ) -> ObjectState:
+    ) -> tuple[ObjectState, HeadingModes | None]:
         try:
-            return first_states(prior, views, builder, self.initialisation).states[0]
+            return placed(prior, views, builder, self.initialisation)
         except ObjectGraphError as error:
             raise type(error)(f"{name}: {error}") from error
 

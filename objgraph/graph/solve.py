@@ -19,7 +19,7 @@ from factors.sdf import SdfQuery
 from objgraph.diagnostics.linear import hessian_diagonal
 from objgraph.diagnostics.undetermined import check_linear
 from objgraph.errors import ConfigError, ObjectGraphError, SolveError
-from objgraph.work import threads
+from objgraph.work import torch_threads
 
 
 @dataclass(frozen=True)
@@ -110,7 +110,7 @@ class Problem:
             return np.inf
 
 
-@threads(1)
+@torch_threads(1)
 def solve(
     problems: Sequence[Problem],
     config: SolverConfig | None = None,
@@ -177,7 +177,7 @@ def _still_falling(
     return before - cost > min(config.relative_tolerance * cost, config.absolute_tolerance)
 
 
-@threads(1)
+@torch_threads(1)
 def minimize(problem: Problem, config: LevenbergMarquardtConfig | None = None) -> None:
     """One Levenberg-Marquardt run with everything frozen as it is; raises SolveError where it fails."""
     if _guarded(problem, _start):

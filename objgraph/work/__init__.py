@@ -2,6 +2,16 @@
 
 from objgraph.work.processes import prepare, process_pool
 from objgraph.work.spread import HERE, Engine, Workers, spread
-from objgraph.work.worker import begin_worker, threads
+from objgraph.work.worker import begin_worker, threads, torch_threads
 
-__all__ = ["HERE", "Engine", "Workers", "begin_worker", "prepare", "process_pool", "spread", "threads"]
+__all__ = [
+    "HERE",
+    "Engine",
+    "Workers",
+    "begin_worker",
+    "prepare",
+    "process_pool",
+    "spread",
+    "threads",
+    "torch_threads",
+]

@@ -38,13 +38,19 @@ def heard(work: Callable[[], Result]) -> tuple[Result, list[logging.LogRecord]]:
 @contextmanager
 def threads(count: int) -> Iterator[None]:
     """So many of torch's threads, and of the other libraries', for a while."""
+    with torch_threads(count), threadpool_limits(count, "blas"):  # numpy's and scipy's fight over cores
+        yield
+
+
+@contextmanager
+def torch_threads(count: int) -> Iterator[None]:
+    """So many of torch's threads for a while; those of the process's other threads stay."""
     import torch
 
     before = torch.get_num_threads()
     torch.set_num_threads(count)
     try:
-        with threadpool_limits(count, "blas"):  # numpy's and scipy's, which fight over cores
-            yield
+        yield
     finally:
         torch.set_num_threads(before)
 

@@ -22,7 +22,7 @@ from objgraph.slam.incremental.front_end import FrameReport, FrontEnd
 from objgraph.slam.incremental.motion import Motion, anchored, moved
 from objgraph.slam.incremental.smoother import Smoother
 from objgraph.slam.incremental.system import IncrementalSystem
-from objgraph.work import threads
+from objgraph.work import torch_threads
 
 _CLOSED_LOOP = 0.03
 """Metres by which a frame moves its camera where more of the map may have moved than what the frame saw."""
@@ -68,7 +68,7 @@ class IncrementalObjectGraph(FrontEnd):
             index += 1
         return X(index)
 
-    @threads(1)
+    @torch_threads(1)
     def update(
         self,
         frame: Frame,

@@ -20,7 +20,7 @@ from objgraph.slam.incremental.motion import known_already
 from objgraph.slam.incremental.staged import StagedSmoother
 from objgraph.slam.incremental.system import IncrementalSystem
 from objgraph.slam.incremental.tracked import TrackedObject
-from objgraph.work import threads
+from objgraph.work import torch_threads
 
 
 @dataclass(frozen=True)
@@ -87,7 +87,7 @@ class ObjectFrontEnd:
         """Objects that were seen but not yet often enough."""
         return self._tracker.pending
 
-    @threads(1)
+    @torch_threads(1)
     def step(self, frame: Frame, detections: Sequence[Instance], *, camera: int) -> Step:
         """What the frame's masks show, as changes to the smoother; `camera` is the key of its pose there.
 
