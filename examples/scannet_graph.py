@@ -45,8 +45,8 @@ def main(arguments: Arguments) -> None:
         frames = index.select(instance.id, arguments.views)
         views = [objgraph.observe(scan.frames[i], instance.id) for i in frames]
 
-        # Where the views say that the object may be, the likeliest first.
-        state = objgraph.first_states(prior, views, builder).states[0]
+        # About where its views say that the object is, in its likeliest heading.
+        state, _ = objgraph.place(prior, views, builder)
 
         # Variables o{i} (Pose3), s{i} (log-scale), z{i} (shape code), and what is known of them beforehand.
         keys = objgraph.ObjectKeys.numbered(instance.id)

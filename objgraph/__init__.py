@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from objgraph.datasets.registry import load_lidar_frame, load_scan
     from objgraph.errors import ObjectGraphError
     from objgraph.graph.builder import DetectedBox, GraphConfig, ObjectBuilder
-    from objgraph.graph.initialise import first_states
+    from objgraph.graph.headings import place
     from objgraph.graph.object_graph import ObjectGraph, ObjectHandle
     from objgraph.graph.solve import Problem, SolverConfig, solve
     from objgraph.maps.object_map import ObjectMap
@@ -55,7 +55,6 @@ __all__ = [
     "active",
     "covariance",
     "datasets",
-    "first_states",
     "load_lidar_frame",
     "load_prior",
     "load_scan",
@@ -64,6 +63,7 @@ __all__ = [
     "next_views",
     "observation",
     "observe",
+    "place",
     "prior_for",
     "show",
     "slam",
@@ -78,7 +78,7 @@ _HOMES = {
     "objgraph.datasets.registry": "load_lidar_frame load_scan",
     "objgraph.errors": "ObjectGraphError",
     "objgraph.graph.builder": "DetectedBox GraphConfig ObjectBuilder",
-    "objgraph.graph.initialise": "first_states",
+    "objgraph.graph.headings": "place",
     "objgraph.graph.object_graph": "ObjectGraph ObjectHandle",
     "objgraph.graph.solve": "Problem SolverConfig solve",
     "objgraph.maps.object_map": "ObjectMap",

@@ -18,7 +18,7 @@ SAMPLES = 600
 """Surface points, and rays, of all views together that an object is estimated by."""
 
 
-def placed(
+def place(
     prior: ShapePrior,
     views: Sequence[ObjectView],
     builder: ObjectBuilder,

@@ -21,7 +21,7 @@ from objgraph.covariance.posterior import Posterior
 from objgraph.diagnostics.undetermined import require_values
 from objgraph.errors import ConfigError, ObjectGraphError, ObservationError, PriorError, SolveError
 from objgraph.graph.builder import DetectedBox, GraphConfig, ObjectBuilder
-from objgraph.graph.headings import placed
+from objgraph.graph.headings import place
 from objgraph.graph.initialise import InitialisationConfig
 from objgraph.graph.solve import Problem, SolverConfig, solve
 from objgraph.observation.sampling import ObjectView
@@ -307,7 +307,7 @@ class ObjectGraph:
         builder: ObjectBuilder,
     ) -> tuple[ObjectState, HeadingModes | None]:
         try:
-            return placed(prior, views, builder, self.initialisation)
+            return place(prior, views, builder, self.initialisation)
         except ObjectGraphError as error:
             raise type(error)(f"{name}: {error}") from error
 

@@ -134,9 +134,7 @@ def test_settings_of_solving(data):
 
     def place() -> None:
         config = {**vars(QUICK), **start}
-        objgraph.first_states(
-            PRIOR, VIEWS, objgraph.ObjectBuilder(up_world=UP), InitialisationConfig(**config)
-        )
+        objgraph.place(PRIOR, VIEWS, objgraph.ObjectBuilder(up_world=UP), InitialisationConfig(**config))
 
     attempt(use)
     attempt(place)

@@ -78,7 +78,7 @@ def test_views(data):
         view = objgraph.ObjectView(**parts)
         for factor in objgraph.ObjectBuilder().view(PRIOR, KEYS, view, view.T_world_camera):
             evaluated(factor)
-        objgraph.first_states(PRIOR, [view, *VIEWS], objgraph.ObjectBuilder(up_world=UP), QUICK)
+        objgraph.place(PRIOR, [view, *VIEWS], objgraph.ObjectBuilder(up_world=UP), QUICK)
 
     attempt(use, **data.draw(arguments(vars(VIEWS[0]))))
 
