@@ -26,6 +26,8 @@ _NEAR_THE_TAIL = 1
 """Which of the levels the evidence has to explain."""
 _NARROWEST_AND_WIDEST = (1e-3, 1e9)
 """Factors beyond which it does not matter: the heading of what is round has no error at all."""
+_MOST = np.array([0.0 if name == "seen" else np.inf for name in NAMES])
+"""Of the weights of the evidence: what is seen more is never wider for that."""
 _CONSTANT = 1e-9
 """Spread of evidence that has none."""
 
@@ -151,7 +153,7 @@ def fits(tables: Mapping[str, Table], chosen: Mapping[str, np.ndarray]) -> dict[
     common = _Common(
         log_odds(*stacked(pose), len(tables))[len(tables) :],
         log_odds(*stacked(shape), len(tables))[len(tables) :],
-        {of: least_squares(*stacked(usual[of]), len(tables))[len(tables) :] for of in QUANTITIES},
+        {of: least_squares(*stacked(usual[of]), len(tables), most=_MOST)[len(tables) :] for of in QUANTITIES},
     )
     return {name: _fitted(table, chosen[name], widths[name], common) for name, table in tables.items()}
 
@@ -160,7 +162,7 @@ def _fitted(table: Table, chosen: np.ndarray, widths: _Widths, common: _Common) 
     X, usual, factors = table.X[chosen], {}, {}
     for name in QUANTITIES:
         log_needed = widths.log_needed(name, chosen)
-        usual[name] = least_squares(X, widths.usual(name, chosen), toward=common.usual[name])
+        usual[name] = least_squares(X, widths.usual(name, chosen), toward=common.usual[name], most=_MOST)
         rest = log_needed - (X @ usual[name])[:, None]
         factors[name] = np.exp([conformal(rest[:, i], float(level) / 100) for i, level in enumerate(LEVELS)])
     pose = log_odds(X, table.pose[chosen], toward=common.pose)

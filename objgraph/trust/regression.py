@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 from jaxtyping import Float
-from scipy.optimize import minimize
+from scipy.optimize import lsq_linear, minimize
 
 _RIDGE = 30.0
 """Weight of the squared coefficients, as of so many objects at one standard deviation."""
@@ -25,10 +25,15 @@ def least_squares(
     y: Float[np.ndarray, "n"],
     intercepts: int = 1,
     toward: Float[np.ndarray, "w"] | None = None,
+    most: Float[np.ndarray, "w"] | None = None,
 ) -> Float[np.ndarray, "f"]:
-    """Coefficients, of which the weights, behind the intercepts, are held toward others, or to none."""
+    """Coefficients, of which the weights, behind the intercepts, are held toward others, or to none; `most` bounds them."""
     ridge, centre = _toward(X.shape[1], intercepts, toward)
-    return centre + np.linalg.solve(X.T @ X + ridge, X.T @ (y - X @ centre))
+    root, upper = np.sqrt(ridge), np.full(X.shape[1], np.inf)
+    if most is not None:
+        upper[intercepts:] = most
+    rows, goal = np.concatenate([X, root]), np.concatenate([y, root @ centre])
+    return lsq_linear(rows, goal, (-np.inf, upper)).x
 
 
 def log_odds(
