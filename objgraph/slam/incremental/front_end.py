@@ -22,11 +22,11 @@ from objgraph.slam.incremental.motion import Motion, relative_covariance
 from objgraph.slam.incremental.pending import PendingObject
 from objgraph.slam.incremental.places import Places
 from objgraph.slam.incremental.system import IncrementalSystem
-from objgraph.slam.incremental.tracked import TrackedObject
+from objgraph.slam.incremental.tracked import TrackedObject, twice
 from objgraph.slam.incremental.upkeep import Upkeep
 
 _LOG = logging.getLogger(__name__)
-VIEWS_ENOUGH = 5
+VIEWS_ENOUGH = 9
 """Of an object that is in doubt: then it enters as it is, to be solved again as the map's objects are."""
 _NEARBY = 4.0
 """Metres between a detection's points and an object's centre beyond which they are never compared."""
@@ -295,8 +295,8 @@ class FrontEnd:
         trust = None if len(views) >= VIEWS_ENOUGH else alone.trust(pending.estimate)
         if trust is None or not trust.is_poor:
             return None
-        pending.awaited = VIEWS_ENOUGH
-        return f"{pending.name} waits for {VIEWS_ENOUGH} views: its pose is right with {trust.percent} %"
+        pending.awaited = twice(len(views))
+        return f"{pending.name} waits for {pending.awaited} views: its pose is right with {trust.percent} %"
 
     def _enter(self, pending: PendingObject) -> list[str]:
         """Enter a ripe object, or its views where it is one that the map has already."""

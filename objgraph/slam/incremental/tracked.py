@@ -72,7 +72,7 @@ class TrackedObject:
     @property
     def is_due(self) -> bool:
         """Whether it is to be solved again as a whole: at 5 views, then each time that they have doubled (9, 17, ...)."""
-        return self.views >= max(5, 2 * self.views_solved - 1)
+        return self.views >= twice(self.views_solved)
 
     def candidate(
         self, state: ObjectState, covariance: Callable[[], Float[np.ndarray, "d d"]]
@@ -155,3 +155,8 @@ def _relative(factor: ObservationFactor, values: gtsam.Values) -> tuple[gtsam.Po
     """The object's pose in the camera's frame, and its state."""
     state = factor.state(values)
     return factor.T_world_camera(values).between(state.T_world_object), state
+
+
+def twice(views: int) -> int:
+    """How many views tell as much more as those did: 5, then 9, 17, ..."""
+    return max(5, 2 * views - 1)
