@@ -139,7 +139,7 @@ def test_verdicts_that_are_none_are_refused(values):
 def test_the_shipped_one_is_of_the_shipped_priors():
     known = shipped_calibration()
     assert set(known.categories) == {
-        "bathtub", "bed", "bookshelf", "cabinet", "chair", "sofa", "table", "trash_bin"
+        "bathtub", "bed", "bookshelf", "cabinet", "chair", "display", "sofa", "table", "trash_bin"
     }  # fmt: skip
     for category, of in known.categories.items():
         assert load_prior(category).card["sha256"] == of.prior
@@ -152,6 +152,9 @@ def test_the_shipped_one_is_of_the_shipped_priors():
             of.factor("box", each) * of.sides.matrix(np.ones(3), np.full((3, 2), each.seen))[6, 6]
             for each in (some, more)
         ]
-        assert sizes[0] > sizes[1]
         assert of.sides.seen < 0.02
-        assert of.sides.unseen > 0.01
+        if category == "bathtub":  # of which sides err alike, seen or not (docs/decisions/2026-11-trust.md)
+            assert sizes[0] == pytest.approx(sizes[1])
+        else:
+            assert sizes[0] > sizes[1]
+            assert of.sides.unseen > 0.01
