@@ -14,6 +14,7 @@ from objgraph.geometry.frames import transformed_back
 from objgraph.maps.pipeline import scene_floor
 from objgraph.synthetic.faults import Difficulty
 from objgraph.synthetic.furniture import Furniture
+from objgraph.synthetic.parts import join
 from objgraph.synthetic.scene import stand
 from objgraph.training.meshes.files import canonical
 
@@ -24,7 +25,7 @@ def screen(width: float, height: float, depth: float) -> trimesh.Trimesh:
     foot = trimesh.creation.box(extents=(0.4 * width, 0.1 * height, depth))
     panel.apply_translation([0, 0.6 * height, 0])
     foot.apply_translation([0, 0.05 * height, 0])
-    return trimesh.util.concatenate([panel, foot])
+    return join([panel, foot])
 
 
 @settings(max_examples=40, deadline=None)
