@@ -21,7 +21,8 @@ _STUDENT = 5.0
 """Degrees of freedom."""
 _USUAL = (2.0, 0.015, 0.1)
 """Where the search for the sides' misfit begins."""
-_POSSIBLE = ((0.1, 100.0), (1e-3, 0.2), (1e-3, 1.0))
+_POSSIBLE = ((0.1, 100.0), (1e-3, 0.2), (0.015, 1.0))
+"""Of them the last: what nobody sees is known no better than to so much of the extent, however well the prior guesses it."""
 _NEAR_THE_TAIL = 1
 """Which of the levels the evidence has to explain."""
 _NARROWEST_AND_WIDEST = (1e-3, 1e9)
