@@ -240,7 +240,9 @@ def _run(verb: str, arguments: list[str], loudness: int) -> int:
     from rich.markup import escape
 
     from objgraph.errors import ObjectGraphError
+    from objgraph.work import keep_memory
 
+    keep_memory()
     width = None if sys.stdout.isatty() else int(os.environ.get("COLUMNS", "140"))
     console, errors = Console(width=width, quiet=loudness < 0), Console(width=width, stderr=True)
     logging.basicConfig(

@@ -2,13 +2,14 @@
 
 from objgraph.work.processes import prepare, process_pool
 from objgraph.work.spread import HERE, Engine, Workers, spread
-from objgraph.work.worker import begin_worker, threads, torch_threads
+from objgraph.work.worker import begin_worker, keep_memory, threads, torch_threads
 
 __all__ = [
     "HERE",
     "Engine",
     "Workers",
     "begin_worker",
+    "keep_memory",
     "prepare",
     "process_pool",
     "spread",

@@ -1,8 +1,10 @@
 """What a process does that works for another."""
 
+import ctypes
 import logging
 import os
 import signal
+import sys
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -17,6 +19,8 @@ Result = TypeVar("Result")
 
 _TOLD: SimpleQueue[logging.LogRecord] = SimpleQueue()
 """What a pool's process has logged since it was last heard."""
+_TRIM_THRESHOLD, _MMAP_THRESHOLD = -1, -3
+"""Of glibc's malloc.h: how much free memory is given back, and how large a piece is asked of the system alone."""
 
 
 def listen(level: int) -> None:
@@ -55,10 +59,20 @@ def torch_threads(count: int) -> Iterator[None]:
         torch.set_num_threads(before)
 
 
+def keep_memory() -> None:
+    """Have this process keep what it frees, where its C library can: a solver asks for the same megabytes again and again, and the
+    system clears each page of them anew."""
+    mallopt = getattr(ctypes.CDLL(None), "mallopt", None) if sys.platform == "linux" else None
+    if mallopt is not None:
+        mallopt(_TRIM_THRESHOLD, 128 * 2**20)
+        mallopt(_MMAP_THRESHOLD, 32 * 2**20)
+
+
 def begin_worker() -> None:
     """What a pool's process does first."""
     import torch
 
+    keep_memory()
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent sees to it
     torch.set_num_threads(1)
     threadpool_limits(1, "blas")
