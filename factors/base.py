@@ -46,7 +46,8 @@ class ObservationFactor(ABC):
 
     What must not change while a quadratic is being minimised (noise, sample depths) is frozen by `refresh`,
     and by the first evaluation where nobody called it. Loss and gradient are exact for the frozen quantities;
-    the curvature is a positive semi-definite majoriser's.
+    the curvature is positive semi-definite: a majoriser's of the 3D factor and of Gaussian depths, Gauss-Newton's of the full
+    distribution over depth.
 
     `camera` is T_world_camera, or the key of a `Pose3` that holds it. With `body_T_camera` it is the pose of a body
     on which the camera is fixed: T_world_camera = T_world_body * body_T_camera.

@@ -76,6 +76,10 @@ class FilledBoxFactor(ObservationFactor):
             raise FactorError("a FilledBoxFactor must be refreshed before its parts are evaluated")
         return self._p_object
 
+    def T_world_camera(self, values: gtsam.Values) -> gtsam.Pose3:
+        """Where the object is: it may be moved as a whole."""
+        return self.state(values).T_world_object
+
     def query(self, values: gtsam.Values) -> SdfQuery:
         if not self.is_frozen:
             self.refresh(values)

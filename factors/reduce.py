@@ -17,7 +17,7 @@ Evaluate = Callable[[gtsam.Values, bool], tuple[np.ndarray, Sequence[np.ndarray]
 
 
 class Rows(NamedTuple):
-    """A loss and the rows that have its gradient: J^T r = dloss/dx, J^T J a majorising curvature."""
+    """A loss and the rows that have its gradient: J^T r = dloss/dx, J^T J a curvature that is positive semi-definite."""
 
     jacobian: Float[Tensor, "m d"]
     residual: Float[Tensor, "m"]
@@ -36,7 +36,7 @@ def reduce_rows(rows: Rows) -> ReducedRows:
 
     QR of [J | r] in float64 (normal equations would square the condition number). The last entry has no
     Jacobian: it carries what of the loss the quadratic does not show. Raises FactorError where the loss is
-    smaller than the quadratic's own value, which no majoriser's can be.
+    smaller than the quadratic's own value, which no sum of squares and no majorised score can be.
     """
     stacked = torch.cat([rows.jacobian, rows.residual[:, None]], dim=1).to("cpu", torch.float64)
     dof = stacked.shape[1] - 1

@@ -120,12 +120,17 @@ def next_views(
     `others` are meshes (vertices in the world, faces) that only hide: walls, furniture that is not asked about.
 
     Raises:
-        ActiveVisionError: there is no object, or no camera.
+        ActiveVisionError: there is no object, or no camera, or two objects have one name.
     """
     objects = checks.tuple_of("objects", objects, Target, ActiveVisionError)
     cameras = checks.tuple_of("cameras", cameras, gtsam.Pose3, ActiveVisionError)
     if not objects or not cameras:
         raise ActiveVisionError(f"{len(objects)} objects and {len(cameras)} cameras: both must be some")
+    names = [target.name for target in objects]
+    if twice := {name for name in names if names.count(name) > 1}:
+        raise ActiveVisionError(
+            f"several objects are called {', '.join(sorted(twice))}: give each a name of its own"
+        )
     for camera in cameras:
         checks.pose("a camera", camera, ActiveVisionError)
     if not isinstance(criterion, str) or criterion not in get_args(Criterion):

@@ -7,7 +7,7 @@ import numpy as np
 
 from factors.state import ObjectState
 from objgraph.covariance.heading_modes import HeadingModes
-from objgraph.graph.builder import ObjectBuilder
+from objgraph.graph.builder import DetectedBox, ObjectBuilder
 from objgraph.graph.initialise import InitialisationConfig, first_states
 from objgraph.graph.single_object import SingleObject
 from objgraph.graph.solve import SolverConfig, solve
@@ -23,15 +23,16 @@ def place(
     views: Sequence[ObjectView],
     builder: ObjectBuilder,
     initialisation: InitialisationConfig | None = None,
+    box: DetectedBox | None = None,
 ) -> tuple[ObjectState, HeadingModes | None]:
-    """An object about where its views at known cameras say that it is, in its likeliest heading, and how likely others are; None
-    where the prior has no first guess.
+    """An object about where its views at known cameras, and a detector's box, say that it is, in its likeliest heading, and how
+    likely others are; None where the prior has no first guess.
 
     Raises as `first_states` does.
     """
-    first = first_states(prior, views, builder, initialisation)
+    first = first_states(prior, views, builder, initialisation, box)
     some = thinned(views, SAMPLES, SAMPLES)
-    tried = [builder.alone(prior, state, some) for state in first.states]
+    tried = [builder.alone(prior, state, some, box) for state in first.states]
     solve(tried, coarsely(SolverConfig()))
     nat = 1.0 if prior.guess is None else prior.guess.config.temperature
     best, modes = likeliest(tried, first.chances, nat)

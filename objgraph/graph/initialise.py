@@ -19,7 +19,7 @@ from factors.depth import RaySampling
 from factors.state import ObjectState
 from objgraph.errors import ConfigError, InitialisationError, ObservationError
 from objgraph.geometry.frames import transformed
-from objgraph.graph.builder import ObjectBuilder
+from objgraph.graph.builder import DetectedBox, ObjectBuilder
 from objgraph.graph.proposals import proposals
 from objgraph.graph.single_object import SingleObject
 from objgraph.graph.solve import LevenbergMarquardtConfig, Problem, SolverConfig, solve
@@ -84,8 +84,9 @@ def first_states(
     views: Sequence[ObjectView],
     builder: ObjectBuilder,
     config: InitialisationConfig | None = None,
+    box: DetectedBox | None = None,
 ) -> FirstStates:
-    """Where an object may be by its views at known cameras.
+    """Where an object may be by its views at known cameras; of a prior without a first guess, by a detector's box too.
 
     Raises:
         ObservationError: it is not known which way is up.
@@ -101,7 +102,7 @@ def first_states(
         likely = [first, *(each for each in others if each.probability >= config.least_chance)]
         return FirstStates(tuple(each.state for each in likely), tuple(each.probability for each in likely))
     states = guesses(prior, views, builder.up_world, builder.floor, config)
-    best, tried = rank(prior, views, states, builder, config)
+    best, tried = rank(prior, views, states, builder, config, box)
     return FirstStates(tuple(best), tried=tuple(tried))
 
 
@@ -199,6 +200,7 @@ def rank(
     states: Sequence[ObjectState],
     builder: ObjectBuilder,
     config: InitialisationConfig,
+    box: DetectedBox | None = None,
 ) -> tuple[list[ObjectState], list[SingleObject]]:
     """The best of `states` after a cheap solution of each, cheapest first, and the problems that were solved.
 
@@ -210,7 +212,7 @@ def rank(
     thin = thinned(views, config.points, config.rays)
     # starting shapes fill their box: a few steps from them need not be told
     cheap = replace(builder, config=replace(builder.config, sampling=config.sampling, sides=None))
-    problems = [cheap.alone(prior, state, thin) for state in states]
+    problems = [cheap.alone(prior, state, thin, box) for state in states]
     solve(problems, SolverConfig((config.slope,), 1, inner=config.inner))
     shortlist = sorted(_solved(problems), key=lambda i: problems[i].cost)[: config.shortlist]
     solve([problems[i] for i in shortlist], SolverConfig((config.slope,), 2, inner=config.inner))

@@ -1,7 +1,7 @@
 """Objects inside a GTSAM graph that the caller owns."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import gtsam
@@ -87,7 +87,6 @@ class ObjectGraph:
         prior: ShapePrior | str,
         start: ObjectState | ObjectView | Sequence[ObjectView],
         *,
-        up_world: Float[np.ndarray, "3"] | None = None,
         box: DetectedBox | None = None,
         keys: ObjectKeys | None = None,
         name: str | None = None,
@@ -96,8 +95,8 @@ class ObjectGraph:
 
         `prior` is a shape prior or the name of a category. `start` is the first estimate, or views of the object
         from which to find one: each as seen from its own `T_world_camera` (`ObjectView.at` sets another). All headings that
-        they leave are tried, on a part of their samples. The views add no factor of theirs: `observe` does. `up_world` stands in for the graph's own. `box` is a detector's, as a
-        measurement of place and size.
+        they leave are tried, on a part of their samples. The views add no factor of theirs: `observe` does. `box` is a detector's,
+        as a measurement of place and size.
 
         Raises:
             FactorError: one of the keys is already in the values, the code is not of the prior's length, or the start
@@ -108,13 +107,12 @@ class ObjectGraph:
         """
         prior = prior_for(prior) if isinstance(prior, str) else prior
         prior = checks.instance("prior (a ShapePrior or a category)", prior, ShapePrior, PriorError)
-        builder = self.builder if up_world is None else replace(self.builder, up_world=up_world)
         name = f"{prior.category} {len(self.objects)}" if name is None else checks.text("name", name)
         views = [] if isinstance(start, ObjectState) else _several(name, start)
         if isinstance(start, ObjectState):
             state, headings = start, None
         else:
-            state, headings = self._placed(name, prior, views, builder)
+            state, headings = self._placed(name, prior, views, box)
         if len(state.code) != prior.decoder.code_length:
             raise FactorError(
                 f"{name}: a code of length {len(state.code)}, its decoder takes {prior.decoder.code_length}"
@@ -123,10 +121,10 @@ class ObjectGraph:
         checks.instance(f"{name}: keys", keys, ObjectKeys)
         handle = ObjectHandle(name, keys, prior, other_headings=headings)
         state.check_finite(handle.keys)
-        builder.check_upright(handle.keys, state)
+        self.builder.check_upright(handle.keys, state)
         # all that may fail comes before the first change
-        known, factors = builder.priors(prior, handle.keys, box), builder.box(prior, handle.keys)
-        standing = builder.standing(prior, handle.keys) if views else []
+        known, factors = self.builder.priors(prior, handle.keys, box), self.builder.box(prior, handle.keys)
+        standing = self.builder.standing(prior, handle.keys) if views else []
         state.insert(self.values, handle.keys)
         for factor in known:
             self._push(handle, factor)
@@ -304,10 +302,10 @@ class ObjectGraph:
         name: str,
         prior: ShapePrior,
         views: Sequence[ObjectView],
-        builder: ObjectBuilder,
+        box: DetectedBox | None,
     ) -> tuple[ObjectState, HeadingModes | None]:
         try:
-            return place(prior, views, builder, self.initialisation)
+            return place(prior, views, self.builder, self.initialisation, box)
         except ObjectGraphError as error:
             raise type(error)(f"{name}: {error}") from error
 

@@ -257,7 +257,8 @@ def _propose(step: _Step) -> None:
         check_linear(step.linear, problem.values, {factor.object_keys for factor in problem.factors})
         step.unchecked = False
     delta = _damped(step.linear, step.damping).optimize()
-    step.predicted = problem.cost - step.linear.error(delta)
+    # not the cost: robust noise of the caller's makes that larger than the quadratic's value
+    step.predicted = step.linear.error(delta.scale(0.0)) - step.linear.error(delta)
     step.trial = problem.values.retract(delta)
 
 

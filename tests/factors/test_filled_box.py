@@ -30,6 +30,14 @@ def cauchy(r: float) -> float:
     return 4.5 * np.log1p(r**2 / 9)
 
 
+def test_its_camera_goes_along_with_the_object():
+    """So that a map need not linearise it anew where the object was moved as a whole."""
+    factor = FilledBoxFactor(KEYS, SphereDecoder(), np.ones(3), SIGMA)
+    for delta in (np.zeros(14), np.r_[0.3, 0.1, -0.2, 5.0, 1.0, 2.0, np.zeros(8)]):
+        values = values_of(np.zeros(CODE_LENGTH), delta)
+        assert factor.T_world_camera(values).equals(factor.state(values).T_world_object, 0.0)
+
+
 @given(st.floats(-0.1, 0.1), st.integers(0, 100))
 @settings(max_examples=20)
 def test_each_side_scores_how_far_the_surface_is_from_it(short, seed):

@@ -9,7 +9,7 @@ from factors.gaussian_depth import Deterministic, Probabilistic, Sampled
 from factors.occupancy import probit_occupancy, termination
 from factors.rays import RayCells
 from factors.rendering import RaySamples, RayTargets
-from factors.score import energy_score
+from factors.score import energy_score, unit_information_weight
 
 RENDERERS = [
     FullDistribution(),
@@ -97,6 +97,21 @@ def test_the_distribution_of_a_plane_is_gaussian_and_so_is_its_score(reach):
     loss = renderer.render(RaySamples(sdf, sigma, cells, targets, 400.0), spread).loss
     expected = energy_score(torch.tensor(-0.05).double(), torch.tensor(tau).double())
     assert float(loss) == pytest.approx(float(expected), rel=1e-3)
+
+
+def test_the_rows_of_a_plane_have_1_over_sqrt_2_of_its_score_s_curvature():
+    """Squares of Phi' integrate to 1 / (2 sqrt(pi) tau), the score's second derivative at its minimum is 2 phi(0) / tau."""
+    k, tau = 4000, np.sqrt(0.03**2 + 0.01**2 + (1.702 / 400) ** 2)
+    edges = torch.linspace(1, 2, k + 1).double()[None]
+    cells = RayCells(0.5 * (edges[:, 1:] + edges[:, :-1]), edges.diff(dim=1), edges[:, -1])
+    depth, end, noise = torch.tensor([[1.5], [torch.inf], [0.01]]).double()
+    targets = RayTargets(depth, torch.tensor([True]), end, noise)
+    sigma = torch.full_like(cells.depth, 0.03)
+    samples = RaySamples(1.5 - cells.depth, sigma, cells, targets, 400.0)
+    renderer = FullDistribution(reach=None)
+    d_plane = renderer.render(samples, renderer.freeze(samples)).d_sdf.sum(dim=2)
+    curvature = float(d_plane.square().sum()) * float(unit_information_weight(torch.tensor(tau)))
+    assert curvature == pytest.approx(1 / (np.sqrt(2) * tau**2), rel=1e-3)
 
 
 def test_comonotone_does_not_depend_on_the_sampling_and_independent_does():

@@ -54,7 +54,7 @@ class Pair:
     covariance: Float[np.ndarray, "d d"]
     """Joint, with or without the camera's columns."""
     camera_error: Float[np.ndarray, "6"] = field(default_factory=lambda: np.zeros(CAMERA_DOF))
-    """Of the camera, whitened, by which `T_world_camera` is corrected already: part of the offset all the same."""
+    """Of the camera, whitened, by which camera and object are corrected already: part of the offset all the same."""
 
     @property
     def has_camera(self) -> bool:
@@ -72,6 +72,12 @@ class Pair:
         if not self.has_camera:
             return np.zeros((len(self.covariance), CAMERA_DOF))
         return self.covariance[:, -CAMERA_DOF:] @ np.linalg.pinv(self.camera_root, hermitian=True)
+
+    def corrected(self, T_world_camera: gtsam.Pose3, camera_error: Float[np.ndarray, "6"]) -> "Pair":
+        """The same with the camera corrected by a whitened error, and the object where it then is likeliest."""
+        error = (self.covariance_with_camera @ camera_error)[: RIGID_DOF + self.candidate.decoder.code_length]
+        candidate = replace(self.candidate, state=self.candidate.state.retract(error))
+        return replace(self, T_world_camera=T_world_camera, candidate=candidate, camera_error=camera_error)
 
     @cached_property
     def share(self) -> Float[np.ndarray, "n"]:

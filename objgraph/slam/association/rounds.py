@@ -8,7 +8,6 @@ import gtsam
 import numpy as np
 from jaxtyping import Float
 
-from factors.state import CAMERA_DOF
 from objgraph.errors import SolveError
 from objgraph.observation.sampling import ObjectView
 from objgraph.slam.association.gate import Fit, Pair, PairIndex, compare
@@ -54,14 +53,17 @@ class Rounds:
         """Compare with the cameras as given and, where the matches move them noticeably, as they say."""
         config = self._config
         near = distances(self._views, cameras, len(self._detections), self._objects)
-        pairs = self._pairs(near, cameras, np.zeros(CAMERA_DOF))
+        pairs = self._pairs(near, cameras)
         loose = replace(config, overlap=_LOOSE * config.overlap)
         fits = compare(pairs, loose)
         moved = self._moved(cameras, pairs, fits, loose)
         if moved is None:
             return _judged(near, fits, config)
-        near = distances(self._views, moved[0], len(self._detections), self._objects)
-        return _judged(near, compare(self._pairs(near, *moved), config), config)
+        at, error = moved
+        near = distances(self._views, at, len(self._detections), self._objects)
+        pairs |= self._pairs(near, cameras)
+        pairs = {(i, j): pair.corrected(at[i], error) for (i, j), pair in pairs.items()}
+        return _judged(near, compare(pairs, config), config)
 
     def _moved(
         self,
@@ -85,13 +87,12 @@ class Rounds:
         self,
         near: Float[np.ndarray, "d o"],
         cameras: Mapping[int, gtsam.Pose3],
-        error: Float[np.ndarray, "6"],
     ) -> dict[PairIndex, Pair]:
-        """What is worth a comparison, with cameras that are corrected by a whitened `error`."""
+        """What is worth a comparison."""
         pairs = {}
         for i, j in near_pairs(near, self._detections, self._objects, self._config):
             if (covariance := self._covariance(j)) is not None:
-                pairs[i, j] = Pair(self._views[i], cameras[i], self._objects[j], covariance, error)
+                pairs[i, j] = Pair(self._views[i], cameras[i], self._objects[j], covariance)
         return pairs
 
     def _covariance(self, j: int) -> Float[np.ndarray, "d d"] | None:

@@ -18,7 +18,7 @@ from objgraph.observation.sampling import ObjectView, observe
 from objgraph.priors.shape_prior import ShapePrior
 from objgraph.slam.association import Detection, MappedCandidate, associate, duplicates
 from objgraph.slam.incremental.alone import Alone
-from objgraph.slam.incremental.motion import Motion, relative_covariance
+from objgraph.slam.incremental.motion import Motion, along
 from objgraph.slam.incremental.pending import PendingObject
 from objgraph.slam.incremental.places import Places
 from objgraph.slam.incremental.system import IncrementalSystem
@@ -105,7 +105,7 @@ class FrontEnd:
 
     def views(self, entry: TrackedObject) -> list[ObjectView]:
         """What the object was seen in, each from where its camera is now; with a lag, not those past it."""
-        return [view.at(self.system.camera_pose(camera)) for camera, view in entry.placed_views]
+        return [view.at(self.system.camera_pose(camera)) for camera, view in self._held(entry)]
 
     def pose(self, camera: int) -> gtsam.Pose3:
         """T_world_camera, or T_world_body where there is a `body_T_camera`, as it is estimated now.
@@ -177,10 +177,11 @@ class FrontEnd:
                 ),
             )
         first = entry.views[0][0]
-        keys = list(dict.fromkeys([first, *motion.known]))
+        keys = [first, *(key for key in motion.known if key != first)]
+        T_object_first = entry.estimate.state.T_world_object.between(self.pose(first))
         return entry.candidate(
-            lambda: self.system.of_camera(
-                relative_covariance(self.system.smoother.covariance(keys), self.pose(first), motion)
+            lambda own: self.system.of_camera(
+                motion.with_camera(along(own, T_object_first, self.system.smoother.covariance(keys)))
             )
         )
 
@@ -329,10 +330,14 @@ class FrontEnd:
         reasons = []
         for merge in duplicates([self._alone(entry) for entry in entries], self.config.association):
             keep, drop = entries[merge.keep], entries[merge.drop]
-            self.system.adopt(keep, drop.placed_views, instead_of=drop)
+            self.system.adopt(keep, self._held(drop), instead_of=drop)
             self._centres.remove(drop.name)
             reasons.append(merge.reason)
         return reasons
+
+    def _held(self, entry: TrackedObject) -> list[tuple[int, ObjectView]]:
+        """Views from cameras that are in the smoother still."""
+        return [(camera, view) for camera, view in entry.placed_views if self.system.smoother.has(camera)]
 
     def _alone(self, entry: TrackedObject) -> MappedCandidate:
         return entry.candidate(self.state(entry), lambda: self.joint_marginals(entry))

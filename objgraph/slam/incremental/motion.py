@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import gtsam
 import numpy as np
 from jaxtyping import Float
+from scipy.linalg import block_diag
 
 from objgraph.slam.incremental.config import IncrementalConfig
 from objgraph.slam.odometry import OdometryNoise
@@ -65,19 +66,14 @@ def known_already(camera: int, T_world_camera: gtsam.Pose3) -> Motion:
     return Motion(T_world_camera, T_world_camera, (), (camera,), gtsam.Pose3(), np.zeros((6, 6)))
 
 
-def relative_covariance(
-    joint: Float[np.ndarray, "d d"], T_world_first: gtsam.Pose3, motion: Motion
-) -> Float[np.ndarray, "6 6"]:
-    """Covariance of the new camera's pose as seen from an earlier one, in the new camera's frame.
+def along(
+    own: Float[np.ndarray, "d d"], T_object_first: gtsam.Pose3, cameras: Float[np.ndarray, "c c"]
+) -> Float[np.ndarray, "d+6 d+6"]:
+    """Joint covariance of an object and the last camera, where `own` is the object's as seen from an earlier, first one.
 
-    `joint` is that of the earlier camera and the last one, of 6 rows where they are the same.
+    `cameras` is that of the first and the last camera, of 6 rows where they are the same; the first's error moves the object
+    rigidly with it. The object's pose comes first in `own`; all poses are in the body frame.
     """
-    if motion.T_previous_current is None or motion.covariance is None:
-        return np.zeros((6, 6))
-    if len(joint) == 6:
-        return motion.covariance
-    carried = motion.with_camera(joint)
-    # the first camera's error moves the new one rigidly with it: what is left is between them
-    T_new_first = motion.predicted.between(T_world_first)
-    between = np.hstack([-T_new_first.AdjointMap(), np.eye(6)])
-    return between @ carried @ between.T
+    carry = np.zeros((len(own) + 6, len(cameras)))
+    carry[:6, :6], carry[-6:, -6:] = T_object_first.AdjointMap(), np.eye(6)
+    return block_diag(own, np.zeros((6, 6))) + carry @ cameras @ carry.T

@@ -121,6 +121,7 @@ class IncrementalObjectGraph(FrontEnd):
         """Every variable's estimate; the larger the map, the longer it takes."""
         return self._smoother.estimate()
 
+    @torch_threads(1)
     def optimize(self, rounds: int = 2) -> None:
         """Solve the whole map as one nonlinear problem, each round with samples drawn where the last one ended.
 

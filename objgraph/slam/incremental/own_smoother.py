@@ -8,10 +8,12 @@ import numpy as np
 from jaxtyping import Float
 
 from factors import checks
-from factors.state import ObjectKeys
+from factors.state import ObjectKeys, ObjectState
+from objgraph.covariance.labelled import ObjectCovariance
 from objgraph.errors import ConfigError, ObservationError, SolveError
 from objgraph.graph.builder import ObjectBuilder
 from objgraph.observation.frames import Frame, Instance
+from objgraph.observation.sampling import ObjectView
 from objgraph.priors.registry import prior_for
 from objgraph.priors.shape_prior import ShapePrior
 from objgraph.slam.incremental.config import IncrementalConfig
@@ -86,6 +88,23 @@ class ObjectFrontEnd:
     def pending(self) -> tuple[str, ...]:
         """Objects that were seen but not yet often enough."""
         return self._tracker.pending
+
+    @property
+    def builder(self) -> ObjectBuilder:
+        """It knows where up and the floor are."""
+        return self._tracker.builder
+
+    def state(self, entry: TrackedObject) -> ObjectState:
+        """The object's estimate in the smoother."""
+        return self._tracker.state(entry)
+
+    def views(self, entry: TrackedObject) -> list[ObjectView]:
+        """What the object was seen in, each from where its camera is now; with a lag, not those past it."""
+        return self._tracker.views(entry)
+
+    def marginals(self, entry: TrackedObject) -> ObjectCovariance:
+        """The object's joint covariance of pose, log-scale and code."""
+        return self._tracker.marginals(entry)
 
     @torch_threads(1)
     def step(self, frame: Frame, detections: Sequence[Instance], *, camera: int) -> Step:

@@ -7,7 +7,6 @@ from dataclasses import dataclass, field, replace
 import gtsam
 import numpy as np
 from jaxtyping import Float
-from scipy.linalg import block_diag
 
 from objgraph.estimate.task import Estimate
 from objgraph.observation.sampling import ObjectView
@@ -50,13 +49,16 @@ class PendingObject:
             self.estimate = replace(self.estimate, state=moved)
         self.cameras = cameras
 
-    def candidate(self, camera: Callable[[], Float[np.ndarray, "6 6"]] | None = None) -> MappedCandidate:
-        """What association needs; `camera` gives the covariance of the new camera's pose in the first view's frame."""
+    def candidate(
+        self, with_camera: Callable[[Float[np.ndarray, "d d"]], Float[np.ndarray, "d+6 d+6"]] | None = None
+    ) -> MappedCandidate:
+        """What association needs; `with_camera` makes of the covariance as seen from the first view's camera that of object and new
+        camera together."""
         assert self.estimate.covariance is not None
         own, prior = self.estimate.covariance.matrix, self.prior
         return MappedCandidate(
             self.name, prior.category, prior.decoder, self.estimate.state,
-            lambda: own if camera is None else np.asarray(block_diag(own, camera())), prior.residual_sigma,
+            lambda: own if with_camera is None else with_camera(own), prior.residual_sigma,
         )  # fmt: skip
 
     def is_ripe(self, config: IncrementalConfig) -> bool:

@@ -350,6 +350,11 @@ def test_the_command_lists_the_best_views_and_writes_them(tmp_path, monkeypatch)
     assert f"{1e4 * surface[0].total('surface'):.3g}" in text
 
 
+def test_two_objects_of_one_name_are_refused(chair):
+    with pytest.raises(ActiveVisionError, match=f"several objects are called {chair.name}"):
+        next_views([chair, chair], about(chair), CONFIG)
+
+
 def test_the_picture_marks_where_it_was_seen_from(tmp_path, chair):
     views = next_views([chair], about(chair), CONFIG)
     bare, marked = tmp_path / "a.png", tmp_path / "b.png"

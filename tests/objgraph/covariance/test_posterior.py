@@ -30,8 +30,8 @@ def chair_graph(camera_key: bool = False) -> ObjectGraph:
     """A toy chair at the truth, frozen, in two views; the first camera may be unknown."""
     state = toy_state()
     views = [observe(toy_frame([state], a, str(i), seed=i), 1, SAMPLING) for i, a in enumerate((0.3, 2.0))]
-    objects = ObjectGraph(gtsam.NonlinearFactorGraph(), gtsam.Values())
-    handle = objects.add_object(toy_prior(), state, up_world=UP)
+    objects = ObjectGraph(gtsam.NonlinearFactorGraph(), gtsam.Values(), up_world=UP)
+    handle = objects.add_object(toy_prior(), state)
     if camera_key:
         noise = gtsam.noiseModel.Diagonal.Sigmas([0.02] * 3 + [0.05] * 3)
         objects.values.insert(X(0), views[0].T_world_camera)

@@ -20,7 +20,7 @@ def objects() -> ObjectGraph:
     state = toy_state()
     view = observe(toy_frame([state], 0.3), 1, SamplingConfig(points=40, hits=20, free=20))
     noise = gtsam.noiseModel.Isotropic.Sigma(6, 0.1)
-    objects = ObjectGraph(gtsam.NonlinearFactorGraph(), gtsam.Values())
+    objects = ObjectGraph(gtsam.NonlinearFactorGraph(), gtsam.Values(), up_world=UP)
     T = view.T_world_camera
     objects.values.insert(X(0), T)
     objects.values.insert(42, T)
@@ -28,7 +28,7 @@ def objects() -> ObjectGraph:
     objects.graph.push_back(gtsam.PriorFactorPose3(X(0), T, noise))
     objects.graph.push_back(gtsam.BetweenFactorPose3(X(0), 42, T.Expmap(np.full(6, 3.0)), noise))
     objects.graph.remove(1)
-    objects.observe(objects.add_object(toy_prior(), state, up_world=UP, name='the "red" chair'), view, X(0))
+    objects.observe(objects.add_object(toy_prior(), state, name='the "red" chair'), view, X(0))
     objects.refresh()
     return objects
 

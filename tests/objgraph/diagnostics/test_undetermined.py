@@ -34,8 +34,8 @@ def two_chairs(up: bool = True, camera_keys: bool = True) -> ObjectGraph:
     T = second.T_world_object
     aside = gtsam.Pose3(T.rotation(), T.translation() + np.array([1.2, 0, 0]))
     states = [first, replace(second, T_world_object=aside)]
-    objects = ObjectGraph(gtsam.NonlinearFactorGraph(), gtsam.Values())
-    handles = [objects.add_object(toy_prior(), s, up_world=UP if up else None) for s in states]
+    objects = ObjectGraph(gtsam.NonlinearFactorGraph(), gtsam.Values(), up_world=UP if up else None)
+    handles = [objects.add_object(toy_prior(), s) for s in states]
     for k, azimuth in enumerate((0.3, 2.0)):
         frame = toy_frame(states, azimuth, str(k), seed=k)
         for i, handle in enumerate(handles):
@@ -75,7 +75,7 @@ def test_without_a_fixed_camera_everything_moves_together(up, turning, dof):
 
 def test_an_object_without_views_is_named_beside_what_moves_together():
     objects = two_chairs()
-    lonely = objects.add_object(toy_prior(), toy_state(), up_world=UP)
+    lonely = objects.add_object(toy_prior(), toy_state())
     alone, together = undetermined(objects.graph, objects.values)
     assert alone.keys == (lonely.keys.pose,)
     assert alone.dof == 4

@@ -24,8 +24,8 @@ def pose_noise(rotation: float, translation: float):
     return gtsam.noiseModel.Diagonal.Sigmas([rotation] * 3 + [translation] * 3)
 
 
-def empty(config: GraphConfig | None = None) -> ObjectGraph:
-    return ObjectGraph(gtsam.NonlinearFactorGraph(), gtsam.Values(), config)
+def empty(config: GraphConfig | None = None, up_world: np.ndarray | None = UP) -> ObjectGraph:
+    return ObjectGraph(gtsam.NonlinearFactorGraph(), gtsam.Values(), config, up_world=up_world)
 
 
 def views_of(state: ObjectState, azimuths=(0.3, 2.0)):
@@ -54,7 +54,7 @@ def camera_graph(state: ObjectState, T_world_camera: gtsam.Pose3, view) -> tuple
     prior = replace(
         toy_prior(), code_covariance=4.5 * np.eye(TOY_CODE)
     )  # the view, not the prior, is to say the code
-    handle = objects.add_object(prior, state, up_world=UP)
+    handle = objects.add_object(prior, state)
     objects.graph.push_back(
         gtsam.PriorFactorPose3(handle.keys.pose, state.T_world_object, pose_noise(1e-3, 1e-3))
     )

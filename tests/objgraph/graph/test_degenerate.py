@@ -177,7 +177,7 @@ def test_a_decoder_that_gives_no_number_is_a_typed_error(ask, error):
 
 def test_a_decoder_that_gives_no_number_fails_the_object_by_name_and_moves_nothing():
     objects = empty()
-    handle = objects.add_object(BROKEN, STATE, up_world=UP, name="the blue chair")
+    handle = objects.add_object(BROKEN, STATE, name="the blue chair")
     objects.observe(handle, VIEW)
     with pytest.raises(SolveError, match=r"the blue chair: .*not finite"):
         objects.optimize()

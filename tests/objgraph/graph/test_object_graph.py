@@ -9,6 +9,7 @@ from gtsam.symbol_shorthand import X
 
 from factors.base import Annealing
 from objgraph.errors import ObservationError, SolveError
+from objgraph.graph.builder import DetectedBox
 from objgraph.graph.object_graph import ObjectGraph
 from objgraph.observation.sampling import observe
 from tests.objgraph.graph.graph_cases import (
@@ -29,7 +30,7 @@ from tests.toys import toy_frame, toy_prior, toy_state
 
 def test_a_chair_is_found_at_fixed_cameras():
     state, objects = toy_state(), empty()
-    handle = objects.add_object(toy_prior(), state.retract(OFF), up_world=UP, name="the chair")
+    handle = objects.add_object(toy_prior(), state.retract(OFF), name="the chair")
     for view in views_of(state):
         objects.observe(handle, view)
     (problem,) = objects.optimize(SHORT)
@@ -43,7 +44,7 @@ def test_a_chair_is_found_at_fixed_cameras():
 
 
 def test_the_lean_is_free_without_an_up_direction():
-    objects = empty()
+    objects = empty(up_world=None)
     objects.add_object(toy_prior(), toy_state())
     assert objects.graph.size() == 2
 
@@ -130,8 +131,8 @@ def test_connected_parts():
 
 def test_one_part_s_failure_leaves_the_others_solved():
     state, objects = toy_state(), empty()
-    good = objects.add_object(toy_prior(), state.retract(OFF), up_world=UP, name="good")
-    bad = objects.add_object(toy_prior(), state, up_world=UP, name="bad")
+    good = objects.add_object(toy_prior(), state.retract(OFF), name="good")
+    bad = objects.add_object(toy_prior(), state, name="bad")
     objects.values.update(bad.keys.code, np.full(4, np.nan))
     for handle in (good, bad):
         objects.observe(handle, views_of(state)[0])
@@ -156,8 +157,18 @@ def test_a_detection_is_placed_where_its_camera_is_now():
     assert np.linalg.norm(objects.state(handle).T_world_object.translation() - there) < 0.06
 
 
+def test_a_detector_s_box_says_how_an_object_is_placed():
+    state, objects = toy_state(), empty()
+    half = state.T_world_object.compose(gtsam.Pose3(gtsam.Rot3.Ry(np.pi), np.zeros(3)))
+    prior = toy_prior()
+    box = DetectedBox(half, state.scale * prior.start_extents[0], 0.05, 0.05, 0.05)
+    by_views, by_box = (objects.add_object(prior, views_of(state), box=each) for each in (None, box))
+    assert pose_error(objects.state(by_views).T_world_object, half)[0] > np.radians(150)
+    assert pose_error(objects.state(by_box).T_world_object, half)[0] < np.radians(30)
+
+
 def test_a_detection_cannot_be_placed_without_an_up_direction():
-    objects = empty()
+    objects = empty(up_world=None)
     with pytest.raises(ObservationError, match=r"chair 0.*up_world"):
         objects.add_object(toy_prior(), views_of(toy_state(), [0.3]))
     assert objects.values.size() == 0
@@ -178,7 +189,7 @@ def test_joint_marginals_with_cameras():
 
 def test_the_caller_s_own_optimiser_works_after_refresh():
     state, objects = toy_state(), empty()
-    handle = objects.add_object(toy_prior(), state.retract(0.5 * OFF), up_world=UP)
+    handle = objects.add_object(toy_prior(), state.retract(0.5 * OFF))
     for k, view in enumerate(views_of(state)):
         objects.values.insert(X(k), view.T_world_camera)
         objects.graph.push_back(gtsam.PriorFactorPose3(X(k), view.T_world_camera, pose_noise(0.002, 0.002)))

@@ -45,6 +45,30 @@ def test_the_minimum_is_the_stock_optimiser_s(make):
     assert problem.linearizations < 60
 
 
+@pytest.mark.parametrize("false_loops", [100, 300])
+def test_robust_noise_of_the_caller_s_is_no_hindrance(false_loops):
+    """A quadratic's own value is then less than the cost: what a step promises is told by the quadratic alone."""
+    rng, graph, values = np.random.default_rng(0), gtsam.NonlinearFactorGraph(), gtsam.Values()
+    noise = gtsam.noiseModel.Diagonal.Sigmas(np.repeat([0.02, 0.05], 3))
+    robust = gtsam.noiseModel.Robust.Create(gtsam.noiseModel.mEstimator.Huber.Create(1.345), noise)
+    step = gtsam.Pose3(gtsam.Rot3.Rz(0.3), np.array([0.9, 0.1, 0.0]))
+    graph.push_back(gtsam.PriorFactorPose3(X(0), gtsam.Pose3(), gtsam.noiseModel.Isotropic.Sigma(6, 1e-3)))
+    for k in range(20):
+        values.insert(
+            X(k), gtsam.Pose3.Expmap(k * gtsam.Pose3.Logmap(step)).retract(0.1 * rng.normal(size=6))
+        )
+        if k:
+            graph.push_back(gtsam.BetweenFactorPose3(X(k - 1), X(k), step, noise))
+    for _ in range(false_loops):
+        i, j = sorted(rng.choice(20, 2, replace=False).tolist())
+        wrong = gtsam.Pose3(gtsam.Rot3.Expmap(rng.normal(size=3)), 3 * rng.normal(size=3))
+        graph.push_back(gtsam.BetweenFactorPose3(X(i), X(j), wrong, robust))
+    problem = Problem("ring", graph, values, [])
+    expected = graph.error(stock(problem))
+    solve([problem], SolverConfig(rounds=20))
+    assert problem.cost < expected * (1 + 1e-3)
+
+
 def test_the_frozen_chair_is_solved_as_well_as_by_the_stock_optimiser():
     """Boxes have edges, so the two stop in places a millimetre apart: the cost must not be higher."""
     problem = chair_problem()

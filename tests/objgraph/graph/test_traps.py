@@ -38,8 +38,8 @@ def seen_chair(code: float | None = None) -> ObjectGraph:
     """A toy chair in one view whose camera has a key and a prior."""
     state = toy_state()
     view = observe(toy_frame([state], 0.3), 1, SAMPLING)
-    objects = ObjectGraph(gtsam.NonlinearFactorGraph(), gtsam.Values())
-    handle = objects.add_object(toy_prior(), state.retract(np.full(13, 0.02)), up_world=UP)
+    objects = ObjectGraph(gtsam.NonlinearFactorGraph(), gtsam.Values(), up_world=UP)
+    handle = objects.add_object(toy_prior(), state.retract(np.full(13, 0.02)))
     objects.values.insert(X(0), view.T_world_camera)
     noise = gtsam.noiseModel.Isotropic.Sigma(6, 0.01)
     objects.graph.push_back(gtsam.PriorFactorPose3(X(0), view.T_world_camera, noise))

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 
 from objgraph.slam.association import AssociationConfig, MappedCandidate, associate
 from objgraph.slam.association.gate import Pair
+from objgraph.slam.incremental.motion import along
 from tests.objgraph.slam.association_cases import compare_all, drifted, mapped, pairs_of, row, seen, shifted
 from tests.toys import toy_state
 
@@ -77,6 +78,41 @@ def test_a_turned_camera_is_put_right_before_overlap_is_judged():
     by_itself = [fit.overlap for fit in compare_all(pairs, config)]
     assert max(by_itself) < 0.7
     assert min(match.overlap for match in found.matches) > 0.8
+
+
+@pytest.mark.parametrize("common", [1e-3, 0.1, 1.0])
+def test_what_a_correction_explains_is_counted_once_where_the_object_errs_with_the_camera(common):
+    """Far from its anchor a map and its camera are off by the same: that says nothing of where one is from the other."""
+    state = toy_state(0.0)
+    (detection,) = seen([state])
+    from_object = detection.view.T_world_camera.between(state.T_world_object).AdjointMap()
+    own = np.diag(np.repeat([1e-3, common, 1e-2, 0.1], [3, 3, 3, len(state.code)]) ** 2)
+    carry = np.zeros((len(own) + 6, len(own)))
+    carry[: len(own)], carry[len(own) :, :6] = np.eye(len(own)), from_object
+    joint = carry @ own @ carry.T
+    joint[-6:, -6:] += np.diag(np.repeat([0.01, 0.1], 3) ** 2)
+    entry = replace(mapped(state), covariance=lambda: joint)
+    (match,) = associate([detection], [entry], T_world_camera=drifted(detection, 0.25, 0.0, 0.0)).matches
+    # 25 cm in the two directions that tell, of which 10 cm are the camera's against the object
+    assert match.mahalanobis == pytest.approx(2.43, abs=0.1)
+
+
+@pytest.mark.parametrize("drift", [0.3, 0.45, 0.55, 0.65])
+def test_what_waits_hangs_on_the_camera_that_saw_it_and_closes_no_loop_alone(drift):
+    """A chair of the map, and one that was placed by cameras which had drifted as this one has."""
+    there, waits = row(2, 1.6)
+    detections = seen([there, waits])
+    camera = drifted(detections[0], drift, 0.0, 0.0)
+    moved = shifted(waits, drift, 0.0, 0.0)
+    far, near = (np.diag(np.repeat([0.05 * metres, metres], 3) ** 2) for metres in (0.3, 0.05))
+    own = np.asarray(mapped(waits, sigma=0.01).covariance())
+    hanging = along(own, moved.T_world_object.between(camera), np.tile(far, (2, 2)))
+    hanging[-6:, -6:] += near
+    known = np.asarray(mapped(there, sigma=0.01, camera=0.3).covariance())
+    known[-6:, -6:] = far + near
+    objects = [replace(mapped(there, "there"), covariance=lambda: known)]
+    objects.append(replace(mapped(moved, "waits"), covariance=lambda: hanging))
+    assert pairs_of(associate(detections, objects, T_world_camera=camera)) == [(0, 0), (1, 1)]
 
 
 def test_two_detections_do_not_share_an_object():

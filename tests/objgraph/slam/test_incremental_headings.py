@@ -85,6 +85,17 @@ def test_what_views_past_the_lag_said_is_not_taken_back(world, prior):
     assert 80 < off(objects.state(entry), world)[1] < 100
 
 
+def test_views_past_the_lag_are_left_out_of_what_an_object_was_seen_in(world):
+    objects, gone = mapper(toy_prior(), lag=2.5), []
+    for k, frame in enumerate(world.frames[:8]):
+        objects.update(frame, world.detections(frame)[: 2 if k < 4 else 1])
+        for entry in objects.objects:
+            held = [key for key, _ in entry.placed_views if objects.system.smoother.has(key)]
+            gone.append(len(entry.placed_views) - len(held))
+            assert len(objects.views(entry)) == len(held)
+    assert max(gone) > 0
+
+
 def test_an_object_turns_in_the_caller_s_smoother_too(world, prior):
     isam = isam2()
     objects, keys = ObjectFrontEnd(isam, UP, floor=0.0, config=QUICK, find_prior=lambda _: prior), []

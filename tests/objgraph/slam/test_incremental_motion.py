@@ -6,7 +6,7 @@ import pytest
 from gtsam.symbol_shorthand import X
 
 from objgraph.slam.incremental.config import IncrementalConfig
-from objgraph.slam.incremental.motion import anchored, known_already, moved, relative_covariance
+from objgraph.slam.incremental.motion import along, anchored, known_already, moved
 from objgraph.slam.odometry import OdometryNoise
 
 NOISE = OdometryNoise(translation=0.02, rotation=2e-3)
@@ -29,8 +29,11 @@ def test_covariances_are_those_of_samples(seed):
     assert motion.T_previous_current is not None
     assert motion.covariance is not None
     joint = covariance(rng, 12)
-    carried, relative = motion.with_camera(joint), relative_covariance(joint, first, motion)
-    errors, off = [], []
+    own, T_first_object = 1e-6 * np.eye(9), pose(rng)
+    on_first = first.compose(T_first_object)
+    carried = motion.with_camera(joint)
+    hanging = motion.with_camera(along(own, on_first.between(first), joint))
+    errors, of_object = [], []
     for e, n in zip(
         rng.multivariate_normal(np.zeros(12), joint, 4000),
         rng.multivariate_normal(np.zeros(6), motion.covariance, 4000),
@@ -40,17 +43,19 @@ def test_covariances_are_those_of_samples(seed):
         new = last.compose(gtsam.Pose3.Expmap(e[6:])).compose(motion.T_previous_current)
         new = new.compose(gtsam.Pose3.Expmap(n))
         errors.append(np.r_[e[:6], gtsam.Pose3.Logmap(motion.predicted.between(new))])
-        off.append(gtsam.Pose3.Logmap(first.between(motion.predicted).between(a.between(new))))
-    for found, samples in ((carried, errors), (relative, off)):
+        o = 1e-3 * rng.normal(size=9)
+        body = on_first.between(a.compose(T_first_object).compose(gtsam.Pose3.Expmap(o[:6])))
+        of_object.append(np.r_[gtsam.Pose3.Logmap(body), o[6:], errors[-1][6:]])
+    for found, samples in ((carried, errors), (hanging, of_object)):
         scale = np.sqrt(np.outer(np.diag(found), np.diag(found)))
         assert np.abs((np.cov(np.array(samples).T) - found) / scale).max() < 0.1
 
 
-def test_of_one_camera_the_motion_alone_is_uncertain():
+def test_what_the_last_camera_saw_goes_along_with_it():
     rng = np.random.default_rng(2)
-    last = pose(rng)
-    motion = moved(X(3), X(4), last, pose(rng), pose(rng), NOISE)
-    np.testing.assert_array_equal(relative_covariance(covariance(rng, 6), last, motion), motion.covariance)
+    own, last, T_object_last = covariance(rng, 9), covariance(rng, 6), pose(rng)
+    twice = np.tile(last, (2, 2))
+    np.testing.assert_array_equal(along(own, T_object_last, last), along(own, T_object_last, twice))
 
 
 def test_a_camera_that_comes_first_or_is_known_adds_nothing():
@@ -59,4 +64,3 @@ def test_a_camera_that_comes_first_or_is_known_adds_nothing():
     first, known = anchored(X(0), here, IncrementalConfig()), known_already(X(0), here)
     np.testing.assert_array_equal(first.with_camera(joint), joint)
     np.testing.assert_allclose(known.with_camera(joint), joint, atol=1e-18)
-    assert not relative_covariance(joint, here, first).any()

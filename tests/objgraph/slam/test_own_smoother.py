@@ -106,6 +106,12 @@ def test_objects_enter_the_caller_s_smoother_where_they_stand_and_hold_his_camer
     assert {key for step in caller.steps for key in list(step.values.keys())} == {
         key for entry in caller.objects.objects for key in entry.keys
     }
+    for entry in caller.objects.objects:
+        state = caller.objects.state(entry)
+        assert state.T_world_object.equals(caller.isam.calculateEstimatePose3(entry.keys.pose), 1e-9)
+        assert len(caller.objects.views(entry)) == len(entry.placed_views)
+        assert np.linalg.eigvalsh(caller.objects.marginals(entry).matrix).min() > 0
+    assert caller.objects.builder.floor == 0.0
     assert any(step.remove for step in caller.steps)  # stale quadratics are replaced, not added to
     views = sum(len(entry.placed_views) for entry in caller.objects.objects)
     graph = caller.isam.getFactorsUnsafe()
