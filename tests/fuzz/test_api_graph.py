@@ -50,7 +50,7 @@ def test_object_graphs(data):
 @given(data=st.data())
 def test_objects_that_are_added(data):
     good = {
-        "prior": PRIOR, "start": STATE, "up_world": UP, "keys": KEYS, "name": "chair", "box": box(),
+        "prior": PRIOR, "start": STATE, "keys": KEYS, "name": "chair", "box": box(),
     }  # fmt: skip
     views = data.draw(st.lists(st.sampled_from(VIEWS), max_size=2))
     given = data.draw(arguments(good | {"start": data.draw(st.sampled_from([STATE, VIEWS, views]))}))
