@@ -24,6 +24,7 @@ from objgraph.metrics.maps import MapErrors, evaluate_map
 from objgraph.metrics.tables import evaluation_table
 from objgraph.observation.frames import Scan
 from objgraph.observation.lidar.frame import LidarFrame
+from objgraph.priors.categories import category_of
 from objgraph.show.map_picture import map_picture
 from objgraph.show.report import REPORT, object_pictures, write_report
 from objgraph.show.street_picture import street_picture
@@ -51,7 +52,7 @@ class MapCommand:
     out: Path
     """Folder for the map, its meshes and its picture."""
     dataset: Annotated[str | None, _option("STR")] = None
-    """Data set: folder, bag, bop, nerfstudio, sample, scannet, sevenscenes or tum; or kitti, lidar or street (the project's own), scans of a LiDAR."""
+    """Data set: folder, bag, bop, icl, nerfstudio, sample, scannet, sevenscenes or tum; or kitti, lidar or street (the project's own), scans of a LiDAR."""
     root: Annotated[Path | None, _option("PATH")] = None
     """The data set's folder; the sample and the street need none."""
     scene: Annotated[str | None, _option("STR")] = None
@@ -173,7 +174,8 @@ def load_frame_of(source: Source) -> LidarFrame:
         raise DatasetError(f"data set '{source.dataset}' does not use --topic")
     frame = load_lidar_frame(source.dataset, root_of(source), source.scene)
     if source.categories:
-        kept = tuple(each for each in frame.detections if each.category in source.categories)
+        wanted = {category_of(each) for each in source.categories}
+        kept = tuple(each for each in frame.detections if category_of(each.category) in wanted)
         frame = replace(frame, detections=kept)
     if not frame.detections:
         raise DatasetError(f"frame {frame.name}: nothing is detected that could be mapped")
@@ -194,7 +196,8 @@ def _limited(scan: Scan, categories: tuple[str, ...]) -> Scan:
     """The scan with the objects of some categories, or with all."""
     if not categories:
         return scan
-    kept = tuple(instance for instance in scan.instances if instance.category in categories)
+    wanted = {category_of(each) for each in categories}
+    kept = tuple(instance for instance in scan.instances if category_of(instance.category) in wanted)
     if not kept:
         known = ", ".join(sorted({instance.category for instance in scan.instances})) or "none"
         raise DatasetError(f"{scan.name} has no object of {', '.join(categories)}; its categories: {known}")
@@ -225,6 +228,11 @@ def _evaluated(object_map: ObjectMap, scan: AnnotatedScan, out: Path) -> MapErro
 
 def _show(object_map: ObjectMap, errors: MapErrors | None, scan: Scan, out: Path, console: Console) -> None:
     console.print(map_table(object_map))
+    judged = [entry.trust for entry in object_map.mapped if entry.trust is not None]
+    if 2 * sum(trust.is_poor for trust in judged) > max(len(judged), 2):
+        console.print(
+            "most objects are poor: `objgraph doctor` with the same words checks poses, depth, masks and gravity"
+        )
     table = None if errors is None else evaluation_table(object_map, errors)
     if table is not None:
         console.print(table)

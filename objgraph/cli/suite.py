@@ -16,6 +16,7 @@ from objgraph.checked import check_fields, parse_json
 from objgraph.cli.evaluate_command import FIGURES, EvaluateCommand
 from objgraph.cli.suite_parts import Part, Suite, parts
 from objgraph.errors import EvaluationError
+from objgraph.priors.registry import available_priors, load_prior
 from objgraph.training.meshes.folder import write_json
 
 _FIELDS = {
@@ -190,4 +191,7 @@ def _head(suite: Suite, found: Mapping[str, Mapping[str, Any]]) -> str:
 def _made_by(document: Mapping[str, Any]) -> str:
     priors = sorted((document.get("priors") or {}).items())
     hashes = ", ".join(f"{name} `{digest[:12]}`" for name, digest in priors)
-    return f"Seed {document['seed']}, rows by {', '.join(document['rows_made_by'])}{'; priors: ' * bool(priors)}{hashes}."
+    shipped = available_priors()
+    older = [name for name, digest in priors if name in shipped and load_prior(name).digest != digest]
+    since = f" Those of {' and '.join(older)} that ship now are others." if older else ""
+    return f"Seed {document['seed']}, rows by {', '.join(document['rows_made_by'])}{'; priors: ' * bool(priors)}{hashes}.{since}"

@@ -40,7 +40,8 @@ class LabelledCovariance:
     axes: tuple[str, ...]
     """One label a row: quantity, unit and frame."""
     source: str
-    """Whose estimate this is: "marginals" for the graph's, "adam" for the paper's, "fused" for both."""
+    """Whose estimate this is: "marginals" for the graph's, "adam" for the paper's, "fused" for both; "calibrated" where it
+    was widened by what errors were measured to be."""
     subject: str = ""
     """Of which object."""
 

@@ -149,5 +149,6 @@ def _street(root: Path) -> Path:
 
 def _loader(dataset: str) -> Loader:
     if dataset not in _LOADERS:
-        raise DatasetError(f"no data set '{dataset}'; available: {', '.join(datasets())}")
+        known = f"{', '.join(datasets())}; of a LiDAR's scans {', '.join(_LIDAR)}"
+        raise DatasetError(f"no data set '{dataset}'; available: {known}")
     return _LOADERS[dataset]

@@ -137,7 +137,7 @@ def _poses(
         raise DatasetError(
             f"{path}: no pose is within {max_difference} s of a depth image with a mask; the images are from "
             f"{times[0]:.3f} to {times[-1]:.3f} s, the poses from {trajectory.timestamps[0]:.3f} to "
-            f"{trajectory.timestamps[-1]:.3f} s"
+            f"{trajectory.timestamps[-1]:.3f} s: shift the poses' times, or load it in Python with another max_difference"
         )
     if len(pairs) < len(times):
         lost = len(times) - len(pairs)

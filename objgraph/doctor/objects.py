@@ -1,6 +1,7 @@
 """Checks of masks and objects: what the masks show against what is named, and the depth behind them."""
 
 import numpy as np
+from jaxtyping import Float
 
 from objgraph.doctor.section import Finding, Section, listed
 from objgraph.doctor.seen import Seen
@@ -10,10 +11,17 @@ from objgraph.priors.registry import available_priors
 
 WITH_DEPTH = 0.5
 """Share of an object's mask that must have depth: with less, what is not measured decides its shape."""
+_NEAR_M = 0.5
+"""Between what two frames show of an object, along any axis: more is another object, however it is turned."""
+_APART = 0.3
+"""Share of an object's pairs of frames that may be farther apart: masks have stray pixels."""
+_FRAMES = 30
+"""Of an object that are compared, evenly over the scan."""
 
 
-def examine_objects(seen: Seen, all_named: bool) -> Section:
-    """Each object with how well it is seen; `all_named`: whether every id of the masks should be an object's."""
+def examine_objects(seen: Seen, all_named: bool, placed: bool) -> Section:
+    """Each object with how well it is seen; `all_named`: whether every id of the masks should be an object's; `placed`: whether
+    nothing is wrong with depth and poses."""
     rows, findings = [], []
     for instance in seen.scan.instances:
         row, found = _object(seen, instance)
@@ -21,6 +29,8 @@ def examine_objects(seen: Seen, all_named: bool) -> Section:
         findings += found
     if all_named:
         findings += _unnamed(seen)
+    if placed:
+        findings += _in_several_places(seen)
     findings += _without_prior(seen)
     return Section("Objects", tuple(rows), tuple(findings))
 
@@ -60,6 +70,34 @@ def _unnamed(seen: Seen) -> list[Finding]:
     what = f"the masks have ids that are not named: {listed(ids, 6)}"
     do = "name them in instances.json, or set these pixels to 0"
     return [Finding("masks", what, do)]
+
+
+def _in_several_places(seen: Seen) -> list[Finding]:
+    """Ids that mean one thing in one frame and another in the next."""
+    torn = []
+    for instance in seen.scan.instances:
+        shown = [frame.points[instance.id] for frame in seen.frames if len(frame.points.get(instance.id, ()))]
+        chosen = [
+            shown[i] for i in np.unique(np.linspace(0, len(shown) - 1, min(_FRAMES, len(shown))).astype(int))
+        ]
+        if len(chosen) > 1 and _apart(chosen) > _APART:
+            torn.append(f"{instance.category} {instance.id}")
+    if not torn:
+        return []
+    what = f"what frames show of {listed(torn, 6)} lies in places apart from each other"
+    do = (
+        "give an object the same id in all frames: of masks made image by image, `objgraph segment` joins those of one object; "
+        "objects that move are not mapped"
+    )
+    return [Finding("masks", what, do)]
+
+
+def _apart(shown: list[Float[np.ndarray, "n 3"]]) -> float:
+    """Share of the pairs of frames whose points are in boxes apart; a few stray points are left out of each."""
+    low, high = (np.array([np.percentile(points, q, axis=0) for points in shown]) for q in (10, 90))
+    gap = np.maximum(low[:, None] - high[None], low[None] - high[:, None]).max(axis=2)
+    pairs = np.triu_indices(len(shown), 1)
+    return float((gap[pairs] > _NEAR_M).mean())
 
 
 def _without_prior(seen: Seen) -> list[Finding]:

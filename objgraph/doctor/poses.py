@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from jaxtyping import Bool, Float
+from scipy.spatial.transform import Rotation
 
 from objgraph.doctor.section import Finding, Section
 from objgraph.doctor.seen import Seen
@@ -36,6 +37,16 @@ _NEAR, _MAX_DEPTH = 0.1, 8.0
 _OPENGL = np.diag([1.0, -1.0, -1.0, 1.0])
 
 
+def _with_rotation(
+    T: Float[np.ndarray, "4 4"], quaternion: Float[np.ndarray, "4"]
+) -> Float[np.ndarray, "4 4"]:
+    return np.block([[Rotation.from_quat(quaternion).as_matrix(), T[:3, 3:]], [T[3:]]])
+
+
+def _scaled(T: Float[np.ndarray, "4 4"], factor: float) -> Float[np.ndarray, "4 4"]:
+    return np.block([[T[:3, :3], factor * T[:3, 3:]], [T[3:]]])
+
+
 @dataclass(frozen=True)
 class _Convention:
     """How poses may have been written."""
@@ -56,12 +67,26 @@ _OTHERS = (
     _Convention(
         "of a camera that looks along its -z axis (OpenGL)",
         lambda T: T @ _OPENGL,
-        "write them for a camera with x right, y down, z forward: multiply from the right with diag(1, -1, -1, 1)",
+        "write them for a camera with x right, y down, z forward (in nerfstudio's transforms.json: x right, y up, z back): "
+        "multiply from the right with diag(1, -1, -1, 1)",
     ),
     _Convention(
         "view matrices (inverted, of a camera that looks along its -z axis: OpenGL)",
         lambda T: np.linalg.inv(T) @ _OPENGL,
         "write T_world_camera: np.linalg.inv of each matrix, times diag(1, -1, -1, 1) from the right",
+    ),
+    _Convention(
+        "written as quaternions with w first and read as if it came last",
+        lambda T: _with_rotation(T, np.roll(Rotation.from_matrix(T[:3, :3]).as_quat(), -1)),
+        "write quaternions as x y z w",
+    ),
+    *(
+        _Convention(
+            f"written in another unit than depth, which is {factor:g} times what it should be",
+            lambda T, factor=factor: _scaled(T, factor),
+            f"divide depth by {factor:g} (`depth_scale` in intrinsics.json, or of the loader), or multiply the poses' translations",
+        )
+        for factor in (5.0, 0.2, 10.0, 0.1)
     ),
 )
 
@@ -170,5 +195,6 @@ def _points(frame: Frame) -> Float[np.ndarray, "n 3"]:
     """Some of a frame's points, in its camera."""
     v, u = np.mgrid[: frame.depth.shape[0] : _STRIDE, : frame.depth.shape[1] : _STRIDE]
     depth = frame.depth[v, u]
-    known = (depth > 0) & (depth < _MAX_DEPTH)
+    known = depth > 0
+    known &= depth < max(_MAX_DEPTH, 2 * float(np.median(depth[known])) if known.any() else 0.0)
     return frame.intrinsics.backproject(u[known], v[known]) * depth[known][:, None]

@@ -58,7 +58,8 @@ def examine_scan(
     if not seen.frames:
         return Examined((first,))
     geometry, floor = _geometry(seen)
-    sections = (first, *geometry, examine_objects(seen, dataset in _NAMED))
+    placed = not any(section.wrong for section in geometry)
+    sections = (first, *geometry, examine_objects(seen, dataset in _NAMED, placed))
     return Examined(sections, seen.scan, floor, _fullest(seen))
 
 
@@ -103,8 +104,8 @@ def _left_out(warned: list[logging.LogRecord]) -> list[Finding]:
     for message, count in counts.items():
         first = next(record for record in warned if record.msg == message).getMessage()
         more = f" (and {count - 1} more such frames)" if count > 1 else ""
-        do = "write what is missing, or remove the images of frames that are not meant to be used"
-        findings.append(Finding("frames", first + more, do))
+        do = "nothing, where these frames are not meant to be used; else write what is missing"
+        findings.append(Finding("frames", first + more, do, note=True))
     return findings
 
 

@@ -191,7 +191,7 @@ class MappedObject:
             matrix = matrix - turns.second_moment(self.box_extents)
         state = self.state
         T_world_box = gtsam.Pose3(state.T_world_object.rotation(), self.box_centre)
-        known = LabelledCovariance(matrix, BOX_AXES, "marginals", _label(self))
+        known = LabelledCovariance(matrix, BOX_AXES, "calibrated", _label(self))
         return box_modes(BoxPose(T_world_box, self.box_extents, known), state, turns)
 
     @property

@@ -81,7 +81,9 @@ class ViewIndex:
             raise ObservationError(f"instance {instance_id}: {count} views asked for; at least one is needed")
         views = self.views.get(instance_id, ())
         if not views:
-            raise ObservationError(f"instance {instance_id}: no frame has mask pixels of it with depth")
+            raise ObservationError(
+                f"instance {instance_id}: no frame has mask pixels of it with depth within {self.config.max_depth:g} m"
+            )
         candidates = [view for view in views if view.pixels >= self.config.min_pixels] or list(views)
         chosen = [max(candidates, key=lambda view: self._uncut(view) * view.pixels)]
         seen = chosen[0].voxels

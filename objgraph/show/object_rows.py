@@ -12,7 +12,7 @@ from objgraph.errors import MapError
 from objgraph.maps.files import EVALUATION
 from objgraph.maps.mapped_object import MappedObject
 from objgraph.show import summary
-from objgraph.show.placement import LEAST, place_of
+from objgraph.show.placement import LEAST, place_of, size_of
 from objgraph.trust.verdict import SURE
 
 
@@ -36,6 +36,9 @@ ERRORS = (
     Column("scale_pct", "scale", "%", 1), Column("box_iou", "box IoU", "", 2), Column("chamfer_m", "Chamfer", "cm", 1),
 )  # fmt: skip
 """Of `evaluation.json`."""
+_EDGES = ("width", "height", "depth")
+_CUT = 0.1
+"""Share of the box's edge by which the mesh may be another."""
 UNCALIBRATED = "standard deviations are the estimator's own: not calibrated, too small"
 
 
@@ -50,8 +53,8 @@ def object_row(entry: MappedObject, up_world: Float[np.ndarray, "3"]) -> dict[st
     verdict = entry.status if trust is None else f"{trust.word}, {trust.percent} %"
     row: dict[str, Any] = {"object": entry.name, "status": verdict}
     row |= {"views": len(entry.views), "seconds": entry.seconds}
-    if entry.size_m is not None:
-        row["size"] = " x ".join(f"{edge:.2f}" for edge in entry.size_m)
+    if (size := size_of(entry)) is not None:
+        row["size"] = " x ".join(f"{edge:.2f}" for edge in size)
     if place is not None and place.covariance is not None:
         sigma = summary.position_sigma(place.T_world_object, place.covariance)
         row["centre_sigma"] = 100 * float(np.linalg.norm(sigma))
@@ -80,6 +83,14 @@ def remarks_of(entry: MappedObject) -> list[str]:
         remarks.append(UNCALIBRATED)
     if entry.trust is not None and entry.trust.pose < SURE:
         remarks += entry.trust.why
+    if entry.size_m is not None and entry.box_extents is not None:
+        ratio = entry.size_m / entry.box_extents
+        apart = [
+            f"{100 * r:.0f} % of its {edge}"
+            for r, edge in zip(ratio, _EDGES, strict=True)
+            if abs(r - 1) > _CUT
+        ]
+        remarks += [f"the mesh has {' and '.join(apart)}"] if apart else []
     if entry.turns is not None:
         others = {90 * quarter: p for quarter, p in enumerate(entry.turns) if quarter and p > LEAST}
         words = [f"{angle}° ({100 * p:.0f} %)" for angle, p in others.items()]

@@ -89,6 +89,11 @@ def box_of(entry: MappedObject) -> OrientedBox | None:
     return OrientedBox.about(entry.vertices, R)
 
 
+def size_of(entry: MappedObject) -> Float[np.ndarray, "3"] | None:
+    """Edges of the box that is said where it is (`place_of`), metres: the one with a covariance, else the mesh's."""
+    return entry.size_m if entry.box_extents is None else entry.box_extents
+
+
 def headings_of(entry: MappedObject) -> list[Heading]:
     """Other headings that are likely enough to be drawn."""
     modes = entry.other_headings

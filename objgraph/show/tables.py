@@ -11,7 +11,7 @@ from objgraph.maps.mapped_object import MappedObject
 from objgraph.maps.object_map import ObjectMap
 from objgraph.show import summary
 from objgraph.show.object_rows import UNCALIBRATED, remarks_of
-from objgraph.show.placement import place_of
+from objgraph.show.placement import place_of, size_of
 
 NONE = "-"
 FALLBACK = "*"
@@ -52,7 +52,7 @@ def map_table(object_map: ObjectMap) -> Table:
         table.add_row(
             str(entry.id),
             escape(entry.category) + FALLBACK * entry.is_fallback,
-            _size(entry.size_m),
+            _size(size_of(entry)),
             _position(entry),
             _heading(entry, object_map.up_world),
             _right(entry),
@@ -63,8 +63,8 @@ def map_table(object_map: ObjectMap) -> Table:
     return table
 
 
-def _size(size_m: Float[np.ndarray, "3"] | None) -> str:
-    return NONE if size_m is None else "x".join(f"{extent:.2f}" for extent in size_m)
+def _size(size: Float[np.ndarray, "3"] | None) -> str:
+    return NONE if size is None else "x".join(f"{extent:.2f}" for extent in size)
 
 
 def _position(entry: MappedObject) -> str:

@@ -107,7 +107,8 @@ class CategoryCalibration:
     def box(self, evidence: Evidence, box: BoxPose, seen_sides: Float[np.ndarray, "3 2"]) -> BoxPose:
         """A box, given with its marginals, with the covariance at which 95 % sets hold as many (see `evidence_of`)."""
         matrix = self.sides.widened(box.covariance.matrix, box.extents, seen_sides)
-        return replace(box, covariance=replace(box.covariance, matrix=self.factor("box", evidence) * matrix))
+        matrix = self.factor("box", evidence) * matrix
+        return replace(box, covariance=replace(box.covariance, matrix=matrix, source="calibrated"))
 
     def factor(self, quantity: str, evidence: Evidence, level: str = LEVELS[-1]) -> float:
         """On the variances of a quantity, those of boxes and headings with the sides' errors: so that sets of this level hold as

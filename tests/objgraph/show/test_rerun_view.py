@@ -134,8 +134,8 @@ def test_the_table_and_each_object_s_text_say_what_the_page_says(saved, tmp_path
     table = found.text("/table")
     assert r"a \| room" in table  # a name cannot break the table
     for entry in object_map.mapped:
-        assert entry.size_m is not None
-        size = " x ".join(f"{edge:.2f}" for edge in entry.size_m)
+        assert entry.box_extents is not None
+        size = " x ".join(f"{edge:.2f}" for edge in entry.box_extents)
         assert entry.trust is not None
         verdict = f"{entry.trust.word}, {entry.trust.percent} %"
         assert f"| {entry.category} {entry.id} | {verdict} | {size} |" in table
