@@ -1,6 +1,6 @@
 """Objects inside a GTSAM graph that the caller owns."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -212,10 +212,13 @@ class ObjectGraph:
             for factor in handle.factors:
                 factor.refresh(self.values, annealing)
 
-    def optimize(self, config: SolverConfig | None = None) -> list[Problem]:
+    def optimize(
+        self, config: SolverConfig | None = None, progress: Callable[[int, int], None] | None = None
+    ) -> list[Problem]:
         """Minimise the whole graph, each connected part by itself; the values are updated in place.
 
-        Cameras and objects together take more rounds than one object: by default up to `JOINT_ROUNDS`.
+        Cameras and objects together take more rounds than one object: by default up to `JOINT_ROUNDS`. `progress` is called with
+        (rounds done, rounds at most).
 
         Raises:
             SolveError: a part failed, or leaves something undetermined; the message names its objects, and the
@@ -223,7 +226,7 @@ class ObjectGraph:
         """
         config = SolverConfig(rounds=JOINT_ROUNDS) if config is None else config
         problems = self.problems()
-        solve(problems, config, refuse_undetermined=True)
+        solve(problems, config, progress, refuse_undetermined=True)
         for problem in problems:
             self.values.update(problem.values)
         failed = [f"{problem.name}: {problem.failure}" for problem in problems if problem.failure]

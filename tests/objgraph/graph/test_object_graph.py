@@ -136,8 +136,10 @@ def test_one_part_s_failure_leaves_the_others_solved():
     objects.values.update(bad.keys.code, np.full(4, np.nan))
     for handle in (good, bad):
         objects.observe(handle, views_of(state)[0])
+    told: list[tuple[int, int]] = []
     with pytest.raises(SolveError, match="bad:") as caught:
-        objects.optimize(SHORT)
+        objects.optimize(SHORT, lambda *rounds: told.append(rounds))
+    assert told[0] == (1, SHORT.rounds)
     assert "good" not in str(caught.value)
     assert pose_error(objects.state(good).T_world_object, state.T_world_object)[1] < 0.03
 

@@ -149,7 +149,9 @@ def test_what_is_printed_is_the_calibrated_box_and_the_raw_is_marked():
     assert "1.10±0.200, 2.20±0.600, 0.60±0.400" in row
     assert "90±2.3" in row
     assert "1.00x1.00x1.00" in row  # of the same box, not of the mesh
-    assert "two headings fit; the mesh has 61 % of its width and 58 % of its depth" in " ".join(printed.split())
+    assert "two headings fit; the mesh has 61 % of its width and 58 % of its depth" in " ".join(
+        printed.split()
+    )
     assert "~" not in row
     (row,) = [line for line in lines if " table " in line]
     assert "~0.00±0.200" in row
