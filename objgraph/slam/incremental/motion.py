@@ -76,4 +76,4 @@ def along(
     """
     carry = np.zeros((len(own) + 6, len(cameras)))
     carry[:6, :6], carry[-6:, -6:] = T_object_first.AdjointMap(), np.eye(6)
-    return block_diag(own, np.zeros((6, 6))) + carry @ cameras @ carry.T
+    return np.asarray(block_diag(own, np.zeros((6, 6))) + carry @ cameras @ carry.T)

@@ -256,8 +256,7 @@ def test_ids_that_are_not_named(folder):
 
 def test_ids_that_are_another_object_s_in_the_next_frame(folder):
     for k in range(0, FRAMES, 2):
-        mask = cv2.imread(str(folder / "masks" / f"{k}.png"), cv2.IMREAD_UNCHANGED)
-        assert mask is not None
+        mask = np.asarray(cv2.imread(str(folder / "masks" / f"{k}.png"), cv2.IMREAD_UNCHANGED), np.uint8)
         other = np.arange(256, dtype=mask.dtype)
         other[1:7] = 6, 5, 4, 3, 2, 1
         cv2.imwrite(str(folder / "masks" / f"{k}.png"), other[mask])
