@@ -15,7 +15,7 @@ from objgraph.estimate.task import Estimate, EstimationTask
 from objgraph.maps.mapped_object import MappedObject, PriorReference
 from objgraph.observation.frames import Instance
 from objgraph.observation.sampling import ObjectView
-from objgraph.priors.mesh import extract_mesh
+from objgraph.priors.mesh import RESOLUTION, extract_mesh
 from objgraph.priors.shape_prior import ShapePrior
 from objgraph.trust.calibration import Calibration
 from objgraph.trust.judge import judge_estimate
@@ -28,7 +28,7 @@ def map_entry(
     prior: ShapePrior,
     estimate: Estimate,
     views: Sequence[ObjectView],
-    resolution: int = 64,
+    resolution: int = RESOLUTION,
 ) -> MappedObject:
     """The object as the map has it, its mesh cut at `resolution` cells along an edge of the canonical cube.
 

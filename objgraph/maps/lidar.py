@@ -19,7 +19,7 @@ from objgraph.maps.mapped_object import MappedObject
 from objgraph.maps.object_map import ObjectMap
 from objgraph.observation.frames import Instance
 from objgraph.observation.lidar.frame import Detection, LidarFrame
-from objgraph.priors.mesh import RESOLUTIONS
+from objgraph.priors.mesh import RESOLUTION, RESOLUTIONS
 from objgraph.priors.registry import prior_for
 from objgraph.priors.shape_prior import ShapePrior
 from objgraph.priors.store import load_prior_file
@@ -32,7 +32,7 @@ class LidarMappingConfig:
 
     seed: int = 0
     """Of everything that is sampled."""
-    mesh_resolution: int = 64
+    mesh_resolution: int = RESOLUTION
     """Cells along an edge of the canonical cube."""
     priors: tuple[str, ...] = ()
     """Your own priors, .safetensors files: each serves its category in place of the shipped one."""

@@ -37,7 +37,7 @@ from objgraph.observation.floor import estimate_floor
 from objgraph.observation.frames import FrameSource, Instance, Scan, frame_of
 from objgraph.observation.sampling import ObjectView, SamplingConfig, observe
 from objgraph.observation.view_selection import ViewIndex, ViewSelectionConfig, summarize
-from objgraph.priors.mesh import RESOLUTIONS
+from objgraph.priors.mesh import RESOLUTION, RESOLUTIONS
 from objgraph.priors.registry import prior_for
 from objgraph.priors.shape_prior import ShapePrior
 from objgraph.priors.store import load_prior_file
@@ -58,7 +58,7 @@ class MappingConfig:
     """Views of each object."""
     seed: int = 0
     """Of everything that is sampled."""
-    mesh_resolution: int = 64
+    mesh_resolution: int = RESOLUTION
     """Cells along an edge of the canonical cube."""
     priors: tuple[str, ...] = ()
     """Your own priors, .safetensors files: each serves its category in place of the shipped one."""

@@ -25,7 +25,7 @@ from objgraph.maps.lidar_task import ROADS, LidarTaskConfig, task_of
 from objgraph.metrics.placed import PlacedMesh
 from objgraph.observation.lidar.frame import LidarFrame
 from objgraph.observation.lidar.observe import LidarSamplingConfig
-from objgraph.priors.mesh import extract_mesh
+from objgraph.priors.mesh import RESOLUTION, extract_mesh
 from objgraph.work import HERE, Workers
 
 KITTI = "kitti"
@@ -52,7 +52,7 @@ class LidarComparison:
     """Your own priors, .safetensors files."""
     task: LidarTaskConfig = field(default_factory=LidarTaskConfig)
     match: MatchConfig = field(default_factory=MatchConfig)
-    mesh_resolution: int = 64
+    mesh_resolution: int = RESOLUTION
     detector_noise: float = 1.0
     """What the errors of the detections are multiplied by before anyone sees them (see `detector_noise.scaled`)."""
 

@@ -13,6 +13,7 @@ from objgraph.bench.comparison.objects.uncertainty import POINTS
 from objgraph.graph.builder import GraphConfig
 from objgraph.graph.initialise import InitialisationConfig
 from objgraph.observation.sampling import SamplingConfig
+from objgraph.priors.mesh import RESOLUTION
 from objgraph.priors.registry import prior_for
 from objgraph.priors.shape_prior import ShapePrior
 from objgraph.priors.store import load_prior_file
@@ -26,7 +27,7 @@ class ComparisonConfig:
     """Of everything that is sampled from frames and surfaces."""
     threads: int = 1
     """Of an estimate."""
-    mesh_resolution: int = 64
+    mesh_resolution: int = RESOLUTION
     """Cells along an edge of the canonical cube."""
     surface_points: int = POINTS
     """Points of the true surface at which error and standard deviation are compared."""
