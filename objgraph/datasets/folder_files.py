@@ -110,6 +110,8 @@ def read_instances(
             raise ValueError("there is no such file")
         given = content["up_world"] if usual_up is None else content.get("up_world", usual_up)
         up = direction(given, "up_world")
+        if not isinstance(content["instances"], dict):
+            raise ValueError("'instances' names no categories by id")
         instances = [_instance(key, label) for key, label in content["instances"].items()]
     except (AttributeError, KeyError, TypeError, ValueError) as error:
         raise DatasetError(f"{path}: {_reason(error)}; it must read like {_INSTANCES}") from error
@@ -138,8 +140,10 @@ def mask_paths(folder: Path, candidates: Mapping[str, Sequence[str]]) -> dict[st
         if path is not None:
             found[name] = path
     if not found:
+        there = sorted(path.name for path in masks.iterdir()) if masks.is_dir() else []
+        have = f"masks/ has {', '.join(there[:3])}{', ...' * (len(there) > 3)}; " if there else ""
         raise DatasetError(
-            f"{folder}: none of the {len(candidates)} depth images has a mask; write masks/NAME.png with the depth "
+            f"{folder}: none of the {len(candidates)} depth images has a mask; {have}write masks/NAME.png with the depth "
             f"image's NAME (masks/{next(iter(candidates))}.png): one channel, 8 or 16 bit, a pixel's value is its object's id and 0 is none"
         )
     if len(found) < len(candidates):

@@ -153,6 +153,10 @@ def test_no_masks_say_what_to_write(folder):
         path.unlink()
     with pytest.raises(DatasetError, match=r"none of the 3 depth images has a mask; .*masks/000000\.png"):
         load(folder)
+    for name in ("mask_0.png", "mask_1.png", "mask_2.png", "mask_3.png"):
+        (folder / "masks" / name).write_bytes(b"")
+    with pytest.raises(DatasetError, match=r"masks/ has mask_0\.png, mask_1\.png, mask_2\.png, \.\.\.; write"):
+        load(folder)
 
 
 def test_the_camera_in_text_or_of_another_size(folder):
@@ -274,6 +278,7 @@ def test_missing_files_say_what_to_write(folder, path, message):
         ("intrinsics.json", "{", "no valid JSON"),
         ("instances.json", "[1", "no valid JSON"),
         ("instances.json", "[1]", "list indices"),
+        ("instances.json", '{"up_world": [0, 0, 1], "instances": ["chair"]}', "names no categories by id"),
         ("poses.txt", "", "holds no pose"),
         ("poses.txt", "000000 1 2 3\n", r"line 1: 4 words instead of the 8"),
         ("poses.txt", "\n000000 1 2 3 0 0 0 0\n", r"line 2: the quaternion's length is 0"),
