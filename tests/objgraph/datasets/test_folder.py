@@ -155,7 +155,9 @@ def test_no_masks_say_what_to_write(folder):
         load(folder)
     for name in ("mask_0.png", "mask_1.png", "mask_2.png", "mask_3.png"):
         (folder / "masks" / name).write_bytes(b"")
-    with pytest.raises(DatasetError, match=r"masks/ has mask_0\.png, mask_1\.png, mask_2\.png, \.\.\.; write"):
+    with pytest.raises(
+        DatasetError, match=r"masks/ has mask_0\.png, mask_1\.png, mask_2\.png, \.\.\.; write"
+    ):
         load(folder)
 
 
