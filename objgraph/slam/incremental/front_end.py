@@ -18,7 +18,7 @@ from objgraph.observation.sampling import ObjectView, observe
 from objgraph.priors.shape_prior import ShapePrior
 from objgraph.slam.association import Detection, MappedCandidate, associate, duplicates
 from objgraph.slam.incremental.alone import Alone
-from objgraph.slam.incremental.motion import Motion, along
+from objgraph.slam.incremental.motion import Motion, joint_with_last_camera
 from objgraph.slam.incremental.pending import PendingObject
 from objgraph.slam.incremental.places import Places
 from objgraph.slam.incremental.system import IncrementalSystem
@@ -181,7 +181,9 @@ class FrontEnd:
         T_object_first = entry.estimate.state.T_world_object.between(self.pose(first))
         return entry.candidate(
             lambda own: self.system.of_camera(
-                motion.with_camera(along(own, T_object_first, self.system.smoother.covariance(keys)))
+                motion.with_camera(
+                    joint_with_last_camera(own, T_object_first, self.system.smoother.covariance(keys))
+                )
             )
         )
 

@@ -66,7 +66,7 @@ def known_already(camera: int, T_world_camera: gtsam.Pose3) -> Motion:
     return Motion(T_world_camera, T_world_camera, (), (camera,), gtsam.Pose3(), np.zeros((6, 6)))
 
 
-def along(
+def joint_with_last_camera(
     own: Float[np.ndarray, "d d"], T_object_first: gtsam.Pose3, cameras: Float[np.ndarray, "c c"]
 ) -> Float[np.ndarray, "d+6 d+6"]:
     """Joint covariance of an object and the last camera, where `own` is the object's as seen from an earlier, first one.

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from objgraph.slam.association import AssociationConfig, MappedCandidate, associate
 from objgraph.slam.association.gate import Pair
-from objgraph.slam.incremental.motion import along
+from objgraph.slam.incremental.motion import joint_with_last_camera
 from tests.objgraph.slam.association_cases import compare_all, drifted, mapped, pairs_of, row, seen, shifted
 from tests.toys import toy_state
 
@@ -106,7 +106,7 @@ def test_what_waits_hangs_on_the_camera_that_saw_it_and_closes_no_loop_alone(dri
     moved = shifted(waits, drift, 0.0, 0.0)
     far, near = (np.diag(np.repeat([0.05 * metres, metres], 3) ** 2) for metres in (0.3, 0.05))
     own = np.asarray(mapped(waits, sigma=0.01).covariance())
-    hanging = along(own, moved.T_world_object.between(camera), np.tile(far, (2, 2)))
+    hanging = joint_with_last_camera(own, moved.T_world_object.between(camera), np.tile(far, (2, 2)))
     hanging[-6:, -6:] += near
     known = np.asarray(mapped(there, sigma=0.01, camera=0.3).covariance())
     known[-6:, -6:] = far + near

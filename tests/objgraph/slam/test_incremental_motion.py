@@ -6,7 +6,7 @@ import pytest
 from gtsam.symbol_shorthand import X
 
 from objgraph.slam.incremental.config import IncrementalConfig
-from objgraph.slam.incremental.motion import along, anchored, known_already, moved
+from objgraph.slam.incremental.motion import anchored, joint_with_last_camera, known_already, moved
 from objgraph.slam.odometry import OdometryNoise
 
 NOISE = OdometryNoise(translation=0.02, rotation=2e-3)
@@ -32,7 +32,7 @@ def test_covariances_are_those_of_samples(seed):
     own, T_first_object = 1e-6 * np.eye(9), pose(rng)
     on_first = first.compose(T_first_object)
     carried = motion.with_camera(joint)
-    hanging = motion.with_camera(along(own, on_first.between(first), joint))
+    hanging = motion.with_camera(joint_with_last_camera(own, on_first.between(first), joint))
     errors, of_object = [], []
     for e, n in zip(
         rng.multivariate_normal(np.zeros(12), joint, 4000),
@@ -55,7 +55,9 @@ def test_what_the_last_camera_saw_goes_along_with_it():
     rng = np.random.default_rng(2)
     own, last, T_object_last = covariance(rng, 9), covariance(rng, 6), pose(rng)
     twice = np.tile(last, (2, 2))
-    np.testing.assert_array_equal(along(own, T_object_last, last), along(own, T_object_last, twice))
+    np.testing.assert_array_equal(
+        joint_with_last_camera(own, T_object_last, last), joint_with_last_camera(own, T_object_last, twice)
+    )
 
 
 def test_a_camera_that_comes_first_or_is_known_adds_nothing():
