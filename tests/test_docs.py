@@ -14,7 +14,7 @@ command_line = importlib.import_module("objgraph.cli.main")
 DOCS = REPOSITORY / "docs"
 PAGES = sorted({REPOSITORY / "README.md", *DOCS.rglob("*.md")} - {*(DOCS / "reference" / "made").glob("*")})
 """All but what the site's builder makes of docstrings, helps and examples."""
-DATED = {DOCS / "results.md", *(DOCS / "decisions").iterdir()}
+DATED = {DOCS / "results.md", *(DOCS / "results").iterdir(), *(DOCS / "decisions").iterdir()}
 """What was run is told there, with the options of then, at whatever length it takes."""
 GUIDES = [page for page in PAGES if page not in DATED]
 

@@ -14,10 +14,12 @@ from objgraph.bench.comparison.objects.summary import paired, summarize
 from objgraph.bench.comparison.objects.tables import all_tables
 from objgraph.bench.comparison.writing.against import against
 from objgraph.bench.comparison.writing.behind import behind_table
+from objgraph.bench.comparison.writing.glance import glance_tables
 from objgraph.cli.evaluate import run_evaluate
 from objgraph.cli.evaluate_command import FIGURES, EvaluateCommand
 from objgraph.cli.main import _parsed
-from objgraph.cli.suite import _command, line_of, render, run_suite
+from objgraph.cli.suite import _command, line_of, run_suite
+from objgraph.cli.suite_page import render
 from objgraph.cli.suite_parts import parts
 from objgraph.errors import EvaluationError
 from tests.objgraph.bench.test_comparison_report import made_up
@@ -78,7 +80,7 @@ def test_parts_run_in_their_folders_and_what_has_no_data_is_left_out(tmp_path, c
     assert ran[1].meshes == tmp_path / "data" / "cad2"
     assert "kitti-1: left out" in capsys.readouterr().out
     page = (tmp_path / "out" / "results.md").read_text()
-    assert page.count("Not run.") == len(parts("quick")) - 3
+    assert page.count("not run.") == len(parts("quick")) - 3
 
 
 def test_what_is_kept_names_no_place_of_one_machine(tmp_path):
@@ -96,24 +98,33 @@ def test_what_is_kept_names_no_place_of_one_machine(tmp_path):
     assert str(tmp_path) not in kept
 
 
-def test_the_page_is_made_of_the_json_alone(tmp_path):
+def part_page(docs: Path, name: str) -> str:
+    return (docs / "results" / f"{name}.md").read_text()
+
+
+def test_pages_are_made_of_the_json_alone(tmp_path):
     put(tmp_path, "hard-families", document())
     (tmp_path / "hard-families" / "pose_over_faults.png").write_bytes(b"a picture")
     page = render("docs", tmp_path, tmp_path / "docs").read_text()
-    assert "## Hard: the benchmark's own families" in page
+    assert "- [Hard: the benchmark's own families](results/hard-families.md)." in page
+    assert "### " not in page
+    page = part_page(tmp_path / "docs", "hard-families")
+    assert page.startswith("# Hard: the benchmark's own families\n")
     assert "objgraph evaluate --made-up" in page
     assert (
         "Seed 5, rows by 1.0; priors: chair `0123456789ab`. Those of chair that ship now are others." in page
     )
     assert "`0123456789ab`" in page
-    assert "### Rates with their intervals (x)" in page
-    assert "### Paired differences" not in page
+    assert "## Rates with their intervals (x)" in page
+    assert "## Paired differences" not in page
+    assert "(../images/results_hard-families_pose_over_faults.png)" in page
     assert (tmp_path / "docs/images/results_hard-families_pose_over_faults.png").read_bytes() == b"a picture"
     before = page
     changed = document()
     changed["tables"][2]["sections"][0][0][4]["text"] = "0.123 [0.00, 0.50]"
     (tmp_path / "hard-families" / FIGURES).write_text(json.dumps(changed))
-    assert "0.123 [0.00, 0.50]" in render("docs", tmp_path, tmp_path / "docs").read_text()
+    render("docs", tmp_path, tmp_path / "docs")
+    assert "0.123 [0.00, 0.50]" in part_page(tmp_path / "docs", "hard-families")
     assert "0.123 [0.00, 0.50]" not in before
 
 
@@ -124,11 +135,15 @@ def test_parts_of_a_page_can_be_made_one_by_one(tmp_path):
     put(tmp_path / "second", "icl", document(command="objgraph evaluate --of-icl"))
     render("docs", tmp_path / "first", tmp_path / "docs")
     page = render("docs", tmp_path / "second", tmp_path / "docs").read_text()
-    assert "objgraph evaluate --made-up" in page
-    assert "objgraph evaluate --of-icl" in page
-    assert "results_hard-families_pose_over_faults.png" in page
+    assert "results/hard-families.md" in page
+    assert "results/icl.md" in page
+    first = part_page(tmp_path / "docs", "hard-families")
+    assert "objgraph evaluate --made-up" in first
+    assert "results_hard-families_pose_over_faults.png" in first
+    assert "objgraph evaluate --of-icl" in part_page(tmp_path / "docs", "icl")
     put(tmp_path / "third", "icl", document(command="objgraph evaluate --again"))
-    page = render("docs", tmp_path / "third", tmp_path / "docs").read_text()
+    render("docs", tmp_path / "third", tmp_path / "docs")
+    page = part_page(tmp_path / "docs", "icl")
     assert "--again" in page
     assert "--of-icl" not in page
 
@@ -202,7 +217,31 @@ def test_where_the_graph_is_behind_is_told_first(tmp_path):
     assert "Options" not in text  # no graph is compared there
     put(tmp_path, "hard-families", document())
     page = render("docs", tmp_path, tmp_path).read_text()
-    assert page.index("Where the graph is behind") < page.index("## Hard")
+    assert page.index("Where the graph is behind") < page.index("## Parts")
+
+
+def test_a_glance_has_each_method_as_its_users_run_it():
+    entry = {"category": "chair", "views": 3, "n": 7, "pose_rate": 0.5, "median_chamfer_m": 0.02}
+    rows = [
+        {**entry, "contender": "graph", "pose_rate": 0.9},
+        {**entry, "contender": "graph@own", "pose_rate": 0.7},
+        {**entry, "contender": "graph@own", "pose_rate": 0.1, "views": 1},
+        {**entry, "contender": "ours", "median_chamfer_m": None},
+        {**entry, "contender": "ours", "category": "table"},
+    ]
+    boxes = [
+        {"quality": "full", "views": 1, "n": 2, "median_box_iou": x, "contender": name}
+        for name, x in (("graph", 0.7), ("ours", 0.75))
+    ]
+    objects, of_boxes = glance_tables(
+        {"Hard": {"rows": rows}, "Real": {"rows": boxes}, "Options": {"rows": rows[3:]}}
+    )
+    assert "| Hard, chair | 7 | **0.70, 2.0** | <u>0.50, ∞</u> | - | - | - |" in objects.markdown()
+    assert objects.markdown().count("| Hard") == 1  # of tables there is no graph
+    assert "Options" not in objects.markdown()
+    assert "| Real, full | 2 | <u>0.70</u> | **0.75** | - | - | - |" in of_boxes.markdown()
+    assert objects.caption == ""
+    assert "most views" in of_boxes.caption
 
 
 def test_mistakes_are_told(tmp_path):
