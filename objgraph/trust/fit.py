@@ -1,8 +1,8 @@
 """From objects with ground truth to a calibration, and what it gives on objects that were held out.
 
-Verdicts are logistic regressions. Sets are calibrated by split conformal prediction (Vovk et al., "Algorithmic Learning in a
-Random World", 2005) of a normalised score (Lei et al., JASA 2018): how much an object's covariance would have had to be widened,
-over what its evidence lets expect. Folds are of shapes, so no object is judged by a fit that saw its shape.
+Verdicts are logistic regressions. Sets are calibrated by cross-conformal prediction (Vovk, "Cross-conformal predictors", 2015) of
+a normalised score (Lei et al., JASA 2018): how much an object's covariance would have had to be widened, over what its evidence
+lets expect by a fit to other shapes. Folds are of shapes, so no object is judged by a fit that saw its shape.
 """
 
 from collections.abc import Mapping, Sequence

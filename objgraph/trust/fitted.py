@@ -1,11 +1,11 @@
 """What a calibration is fitted to, and the fit to chosen objects of each category."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from scipy.optimize import minimize
 
 from objgraph.covariance.box_modes import EVERY_AXIS, HEADING_AXIS, factor_needed
@@ -31,6 +31,7 @@ _MOST = np.array([0.0 if name == "seen" else np.inf for name in NAMES])
 """Of the weights of the evidence: what is seen more is never wider for that."""
 _CONSTANT = 1e-9
 """Spread of evidence that has none."""
+FOLDS = 10
 
 
 @dataclass(frozen=True)
@@ -67,6 +68,7 @@ class Table:
         self.mean, spread = given.mean(axis=0), given.std(axis=0)
         # what is the same for all, as a guess where there is none, tells nothing of how far another may be off it
         self.spread = np.where(spread > _CONSTANT, spread, 1.0)
+        self.shapes = [each.shape for each in objects]
         self.X = np.concatenate(
             [np.ones((len(objects), 1)), deviations(given, self.mean, self.spread)], axis=1
         )
@@ -79,6 +81,12 @@ class Table:
         self.extents = np.array([each.extents for each in objects])
         self.seen_sides = np.array([each.seen_sides for each in objects])
         self.surface = np.array([[each.surface[level] for level in LEVELS] for each in objects])
+
+    def folds(self, seed: int = 0) -> Int[np.ndarray, "n"]:
+        """Each object's, by its shape, drawn at random."""
+        names = sorted(set(self.shapes))
+        of_shape = dict(zip(names, np.random.default_rng(seed).permutation(len(names)) % FOLDS, strict=True))
+        return np.array([of_shape[shape] for shape in self.shapes])
 
     @cached_property
     def by_marginals(self) -> Float[np.ndarray, "n l"]:
@@ -107,21 +115,8 @@ class _Widths:
     matrices: Float[np.ndarray, "n 9 9"]
     needed: Mapping[str, Float[np.ndarray, "n l"]]
 
-    def log_needed(self, name: str, chosen: np.ndarray) -> Float[np.ndarray, "m l"]:
-        return np.log(np.clip(self.needed[name][chosen], *_NARROWEST_AND_WIDEST))
-
-    def usual(self, name: str, chosen: np.ndarray) -> Float[np.ndarray, "m"]:
-        """What the evidence has to explain."""
-        return self.log_needed(name, chosen)[:, _NEAR_THE_TAIL]
-
-
-@dataclass(frozen=True)
-class _Common:
-    """Weights of the evidence that all categories share."""
-
-    pose: Float[np.ndarray, "f-1"]
-    shape: Float[np.ndarray, "f-1"]
-    usual: Mapping[str, Float[np.ndarray, "f-1"]]
+    def log_needed(self, name: str) -> Float[np.ndarray, "n l"]:
+        return np.log(np.clip(self.needed[name], *_NARROWEST_AND_WIDEST))
 
 
 @dataclass(frozen=True)
@@ -143,32 +138,57 @@ def fits(tables: Mapping[str, Table], chosen: Mapping[str, np.ndarray]) -> dict[
     weights are held to the common ones."""
     if not tables:
         return {}
-    pose, shape, usual = [], [], {name: [] for name in QUANTITIES}
     widths = {name: _widths(table, chosen[name]) for name, table in tables.items()}
-    for name, table in tables.items():
-        X = table.X[chosen[name]]
-        pose.append((X, table.pose[chosen[name]]))
-        shape.append((X, table.shape[chosen[name]]))
-        for of in QUANTITIES:
-            usual[of].append((X, widths[name].usual(of, chosen[name])))
-    common = _Common(
-        log_odds(*stacked(pose), len(tables))[len(tables) :],
-        log_odds(*stacked(shape), len(tables))[len(tables) :],
-        {of: least_squares(*stacked(usual[of]), len(tables), most=_MOST)[len(tables) :] for of in QUANTITIES},
-    )
-    return {name: _fitted(table, chosen[name], widths[name], common) for name, table in tables.items()}
+    pose, shape = ({name: getattr(table, of) for name, table in tables.items()} for of in ("pose", "shape"))
+    poses, shapes = (_lines(log_odds, tables, of, chosen) for of in (pose, shape))
+    usual, factors = {}, {}
+    for of in QUANTITIES:
+        log_needed = {name: each.log_needed(of) for name, each in widths.items()}
+        usual[of], factors[of] = _widenings(tables, log_needed, chosen)
+    return {
+        name: Fitted(
+            each.sides, each.matrices, each.needed, poses[name], shapes[name],
+            {of: usual[of][name] for of in QUANTITIES}, {of: factors[of][name] for of in QUANTITIES},
+        )
+        for name, each in widths.items()
+    }  # fmt: skip
 
 
-def _fitted(table: Table, chosen: np.ndarray, widths: _Widths, common: _Common) -> Fitted:
-    X, usual, factors = table.X[chosen], {}, {}
-    for name in QUANTITIES:
-        log_needed = widths.log_needed(name, chosen)
-        usual[name] = least_squares(X, widths.usual(name, chosen), toward=common.usual[name], most=_MOST)
-        rest = log_needed - (X @ usual[name])[:, None]
-        factors[name] = np.exp([conformal(rest[:, i], float(level) / 100) for i, level in enumerate(LEVELS)])
-    pose = log_odds(X, table.pose[chosen], toward=common.pose)
-    shape = log_odds(X, table.shape[chosen], toward=common.shape)
-    return Fitted(widths.sides, widths.matrices, widths.needed, pose, shape, usual, factors)
+def _widenings(
+    tables: Mapping[str, Table], log_needed: Mapping[str, np.ndarray], chosen: Mapping[str, np.ndarray]
+) -> tuple[dict[str, np.ndarray], dict[str, Float[np.ndarray, "l"]]]:
+    """Of each category the line of what its boxes need, and by level the factor over it. What is left over a line that saw the
+    same shapes is too small, so that of each fold is what it needs over a line of the others (Vovk, "Cross-conformal
+    predictors", 2015)."""
+    fit = partial(least_squares, most=_MOST)
+    tail = {name: log_needed[name][:, _NEAR_THE_TAIL] for name in tables}
+    lines = _lines(fit, tables, tail, chosen)
+    folds = {name: table.folds() for name, table in tables.items()}
+    left = {name: log_needed[name] - (table.X @ lines[name])[:, None] for name, table in tables.items()}
+    for k in range(FOLDS):
+        others = {name: chosen[name] & (fold != k) for name, fold in folds.items()}
+        some = {name: table for name, table in tables.items() if others[name].any()}
+        for name, line in _lines(fit, some, tail, others).items():
+            own = folds[name] == k
+            left[name][own] = log_needed[name][own] - (tables[name].X[own] @ line)[:, None]
+    levels = [float(level) / 100 for level in LEVELS]
+    factors = {
+        name: np.exp([conformal(left[name][chosen[name], i], level) for i, level in enumerate(levels)])
+        for name in tables
+    }
+    return lines, factors
+
+
+def _lines(
+    fit: Callable[..., np.ndarray],
+    tables: Mapping[str, Table],
+    of: Mapping[str, Float[np.ndarray, "n"]],
+    chosen: Mapping[str, np.ndarray],
+) -> dict[str, Float[np.ndarray, "f"]]:
+    """Of each category, its weights held to those that all share."""
+    parts = {name: (table.X[chosen[name]], of[name][chosen[name]]) for name, table in tables.items()}
+    common = fit(*stacked([*parts.values()]), len(parts))[len(parts) :] if parts else None
+    return {name: fit(*part, toward=common) for name, part in parts.items()}
 
 
 def _widths(table: Table, chosen: np.ndarray) -> _Widths:

@@ -8,11 +8,9 @@ import numpy as np
 from jaxtyping import Float
 
 from objgraph.trust.calibration import LEVELS, QUANTITIES
-from objgraph.trust.fitted import Fitted, Judged, Table, fits
+from objgraph.trust.fitted import FOLDS, Fitted, Judged, Table, fits
 from objgraph.trust.regression import logistic
 from objgraph.trust.verdict import SURE
-
-FOLDS = 10
 
 
 def held_out(objects: Sequence[Judged], seed: int = 0) -> list[dict[str, Any]]:
@@ -42,16 +40,13 @@ class _Judgement:
 
 
 def _judgements(objects: Sequence[Judged], seed: int) -> list[_Judgement]:
-    found, rng = [], np.random.default_rng(seed)
+    found = []
     of = {
         name: [each for each in objects if each.category == name]
         for name in sorted({each.category for each in objects})
     }
-    tables, folds = {name: Table(some) for name, some in of.items()}, {}
-    for name, some in of.items():
-        shapes = sorted({each.shape for each in some})
-        of_shape = dict(zip(shapes, rng.permutation(len(shapes)) % FOLDS, strict=True))
-        folds[name] = np.array([of_shape[each.shape] for each in some])
+    tables = {name: Table(some) for name, some in of.items()}
+    folds = {name: table.folds(seed) for name, table in tables.items()}
     for k in range(FOLDS):
         others = {name: fold != k for name, fold in folds.items()}
         some = {name: table for name, table in tables.items() if (others[name] & table.upright).any()}

@@ -1,4 +1,4 @@
-"""Lines in the evidence, held to other lines, and the quantile that split conformal prediction takes."""
+"""Lines in the evidence, held to other lines, and the quantile that conformal prediction takes."""
 
 from collections.abc import Sequence
 
