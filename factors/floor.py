@@ -11,23 +11,25 @@ from factors.base import Annealing
 from factors.checks import DEVIATIONS, LENGTHS, PLACES
 from factors.depth import DepthFactor, RaySampling
 from factors.errors import NotFiniteError
+from factors.full_distribution import FullDistribution
 from factors.keys import readable_key
 from factors.rays import BOX_HALF_SIZE, Rays
 from factors.reduce import Rows
-from factors.rendering import Renderer
 from factors.score import cauchy_root, cauchy_score
 from factors.sdf import SdfQuery, sdf_jacobian
 from factors.sdf_decoder import SdfDecoder, SdfJet
 from factors.state import CAMERA_DOF, POSE_DOF, ObjectKeys, ObjectState
 
 _BELOW = 3.0
-"""Depth of the imagined camera under the floor, metres."""
+"""Depth of the imagined camera under the floor, metres ..."""
+_UNDER = 1.0
+"""... or so far under what of the object may be lowest, where that is more."""
 SPACING = 0.08
 """Metres between rays at the floor: dense enough that few legs go on unseen under it."""
 SPACINGS = checks.Range(1e-3, 1e3)
 """Metres between rays that can be told apart and counted."""
 _WIDEST = 30
-"""Rays to either side of the middle at most: of what is larger than any furniture they are farther apart."""
+"""Rays to either side of the middle at most."""
 _CORRELATION_LENGTH = 0.2
 """Metres: a floor errs together over so much, as every surface does."""
 _LITTLE = RaySampling(coarse=4, cells=4)
@@ -63,7 +65,6 @@ class FloorFactor(DepthFactor):
         sigma: float = 0.01,
         spacing: float = SPACING,
         stands: float | None = None,
-        renderer: Renderer | None = None,
         prior_sigma: float = 0.0,
         share: float | None = None,
         half_box: float | Float[np.ndarray, "3"] = BOX_HALF_SIZE,
@@ -73,7 +74,7 @@ class FloorFactor(DepthFactor):
 
         `stands`: canonical distance from the object's origin down to its feet; None where it need not stand.
 
-        `share` is how much of an independent measurement each ray is, by default `floor_share(spacing)`.
+        `share` is how much of an independent measurement each ray is, by default `floor_share` of how far apart they are.
 
         Raises:
             FactorError: `up_world` has no direction, or the floor no height.
@@ -82,10 +83,12 @@ class FloorFactor(DepthFactor):
         self._floor = checks.number("the floor's height", floor, PLACES)
         self._sigma = checks.number("the floor's sigma", sigma, DEVIATIONS)
         self._spacing = checks.number("the floor's spacing", spacing, SPACINGS)
+        self._below, self._by_spacing = _BELOW, share is None
         self._stands = None if stands is None else checks.number("stands, or None,", stands, LENGTHS)
         super().__init__(
-            keys, decoder, gtsam.Pose3(), _rays_from_below(1.0, sigma, spacing),
-            renderer=renderer, prior_sigma=prior_sigma, sampling=_LITTLE,
+            keys, decoder, gtsam.Pose3(), _rays_from_below(1.0, _BELOW, sigma, spacing),
+            # a Gaussian of the depth does not count a free ray that ends inside the box
+            renderer=FullDistribution(), prior_sigma=prior_sigma, sampling=_LITTLE,
             share=floor_share(spacing) if share is None else checks.number("a floor's share", share, checks.SHARES),
             half_box=half_box,
         )  # fmt: skip
@@ -94,15 +97,22 @@ class FloorFactor(DepthFactor):
         """Under the object, looking up, its x axis along the object's."""
         pose = values.atPose3(self.object_keys.pose)
         x = _level_axis(pose.rotation().matrix()[:, 0], self._up)
-        below = self._floor - _BELOW - self._up @ pose.translation()
+        below = self._floor - self._below - self._up @ pose.translation()
         R_world_camera = np.stack([x, np.cross(self._up, x), self._up], axis=1)
         return gtsam.Pose3(gtsam.Rot3(R_world_camera), pose.translation() + below * self._up)
 
     def refresh(self, values: gtsam.Values, annealing: Annealing = Annealing()) -> None:  # noqa: B008
-        reach = float(np.linalg.norm(np.broadcast_to(self._half_box, 3)) * self.state(values).scale.max())
+        state = self.state(values)
+        reach = float(np.linalg.norm(np.broadcast_to(self._half_box, 3)) * state.scale.max())
         if not np.isfinite(reach):
             raise NotFiniteError(f"{readable_key(self.object_keys.log_scale)} holds a scale without end")
-        self._rays = _rays_from_below(reach, self._sigma, self._spacing)
+        lowest = float(self._up @ state.T_world_object.translation()) - reach
+        self._below = max(_BELOW, self._floor - lowest + _UNDER)
+        # of what is larger than any furniture they are farther apart, and each counts for more
+        spacing = max(self._spacing, reach / _WIDEST)
+        if self._by_spacing:
+            self._share = np.array(floor_share(spacing))
+        self._rays = _rays_from_below(reach, self._below, self._sigma, spacing)
         super().refresh(values, annealing)
 
     def sdf_jacobian(self, query: SdfQuery, jet: SdfJet) -> Float[Tensor, "n d"]:
@@ -168,17 +178,16 @@ def floor_share(spacing: float) -> float:
     return min(1.0, (checks.number("the floor's spacing", spacing, SPACINGS) / _CORRELATION_LENGTH) ** 2)
 
 
-def _rays_from_below(reach: float, sigma: float, spacing: float) -> Rays:
-    """Rays that look up from `_BELOW` under the floor and are free as far as it, `reach` metres about the middle.
+def _rays_from_below(reach: float, below: float, sigma: float, spacing: float) -> Rays:
+    """Rays that look up from `below` metres under the floor and are free as far as it, `reach` metres about the middle.
 
     Their pattern is turned and off the middle: the legs of a symmetric shape are not hit or missed all at once.
     """
-    spacing = max(spacing, reach / _WIDEST)
     count = int(np.ceil(reach / spacing)) + 2
     steps = np.arange(-count, count + 1)
     i, j = (axis.ravel() for axis in np.meshgrid(steps + 0.31, steps + 0.17))
     across = spacing * np.column_stack([0.88 * i - 0.475 * j, 0.475 * i + 0.88 * j])
     across = across[np.linalg.norm(across, axis=1) <= reach + spacing]
-    depth = np.full(len(across), _BELOW)
-    directions = np.column_stack([across / _BELOW, np.ones(len(across))])
+    depth = np.full(len(across), below)
+    directions = np.column_stack([across / below, np.ones(len(across))])
     return Rays(directions, depth, np.zeros(len(across), dtype=bool), depth, np.full(len(across), sigma))

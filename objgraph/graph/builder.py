@@ -221,8 +221,7 @@ class ObjectBuilder:
         return [
             FloorFactor(
                 keys, prior.decoder, self.up_world, self.floor,
-                sigma=config.floor_sigma, spacing=config.floor_spacing, stands=prior.feet,
-                renderer=RENDERERS[config.renderer], prior_sigma=prior.residual_sigma,
+                sigma=config.floor_sigma, spacing=config.floor_spacing, stands=prior.feet, prior_sigma=prior.residual_sigma,
                 half_box=prior.half_box(config.tight_box),
             )
         ]  # fmt: skip

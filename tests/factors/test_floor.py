@@ -152,6 +152,28 @@ def test_a_sphere_in_the_floor_is_pushed_up_and_one_above_is_left_alone():
     assert gradient[5] < 0  # up is downhill
 
 
+def sunk_sphere(radius_m: float, depth_m: float) -> tuple[float, float]:
+    """Loss, and what it says of the height, of a sphere of this radius so deep in the floor."""
+    factor = FloorFactor(KEYS, SphereDecoder(), np.array([0.0, 0.0, 1.0]), 0.0, half_box=0.42)
+    scale = radius_m / 0.4
+    pose = gtsam.Pose3(gtsam.Rot3(), np.array([1.0, 2.0, radius_m - depth_m]))
+    values = values_of(ObjectState(pose, np.full(3, np.log(scale)), np.zeros(5)))
+    factor.refresh(values)
+    rows = factor.rows(values)
+    return factor.loss(values), float((rows.jacobian[:, 5] ** 2).sum())
+
+
+def test_what_is_large_weighs_by_the_floor_that_it_is_in_however_far_apart_the_rays_are():
+    """A cap of a sphere r, d deep, is pi (2 r - d) d large."""
+    (few, _), (many, _) = sunk_sphere(1.0, 0.2), sunk_sphere(4.0, 0.2)
+    assert many / few == pytest.approx((8 - 0.2) / (2 - 0.2), rel=0.35)
+
+
+def test_what_is_far_under_the_floor_is_pushed_up_too():
+    shallow, deep = sunk_sphere(0.4, 1.0), sunk_sphere(0.4, 5.0)
+    assert deep[0] > shallow[0]
+
+
 def standing(gap: float, seed: int = 1) -> tuple[FloorFactor, gtsam.Values]:
     """A leaning lump whose feet are this far over the floor, in metres."""
     state = random_state(np.random.default_rng(seed), 0.3)
