@@ -32,7 +32,6 @@ from objgraph.active.surface_sample import SurfaceSample
 from objgraph.active.target import Target
 from objgraph.covariance.sides import SEEN_M, SideMisfit, seen_sides
 from objgraph.errors import ActiveVisionError, ConfigError
-from objgraph.estimate.heading_modes import HeadingModesConfig
 from objgraph.observation.frames import Intrinsics
 from objgraph.observation.sampling import SamplingConfig, SensorNoise, independent_shares
 
@@ -61,8 +60,6 @@ class NextViewConfig:
     far: float = 5.0
     correlation_length: float = SamplingConfig.correlation_length
     """As `SamplingConfig.correlation_length`."""
-    temperature: float = HeadingModesConfig.temperature
-    """As `HeadingModesConfig.temperature`: so much cost between two headings is believed as one nat."""
     min_share: float = 0.1
     """Of an object's surface that must be seen for the view to be one of it."""
     sides: SideMisfit = field(default_factory=lambda: SideMisfit(marginals=4.0, seen=0.01, unseen=0.1))
@@ -73,7 +70,7 @@ class NextViewConfig:
         """Raises ConfigError where a number is not one of its kind."""
         checks.settings(
             self, ConfigError, far=checks.POSITIVE, correlation_length=checks.Range(1e-3, 1e4),
-            temperature=checks.POSITIVE, min_share=checks.Range(0, 1),
+            min_share=checks.Range(0, 1),
         )  # fmt: skip
 
 
@@ -329,7 +326,7 @@ class _Judge:
     def _heading(self, camera: gtsam.Pose3) -> float:
         """Expected decrease of the mean square error that the wrong heading makes, square metres."""
         nats = [
-            self._apart(other, camera, scene) / self.config.temperature
+            self._apart(other, camera, scene) / self.target.temperature
             for other, scene in zip(self.target.others, self.turned, strict=True)
         ]
         return self.risk - risk(self.target.probability, self.target.others, nats)

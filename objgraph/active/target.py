@@ -15,6 +15,7 @@ from objgraph.covariance.heading_modes import HeadingModes
 from objgraph.covariance.labelled import ObjectCovariance
 from objgraph.covariance.surface import metric_sdf_jacobian
 from objgraph.errors import ActiveVisionError
+from objgraph.estimate.heading_modes import HeadingModesConfig
 from objgraph.priors.mesh import RESOLUTIONS
 from objgraph.priors.shape_prior import ShapePrior
 
@@ -41,6 +42,8 @@ class Target(SurfaceSample):
     """That it stands as it was found."""
     others: tuple[OtherHeading, ...] = ()
     """How else it may stand."""
+    temperature: float = HeadingModesConfig.temperature
+    """So much cost between two headings is believed as one nat, as the estimate believed it."""
 
     @property
     def surface_sigma(self) -> Float[np.ndarray, "m"]:
@@ -108,6 +111,7 @@ def target(
         seen_from=seen_from,
         probability=1.0 if turns is None else float(turns.probability[0]),
         others=others,
+        temperature=HeadingModesConfig.temperature if prior.guess is None else prior.guess.config.temperature,
     )
 
 

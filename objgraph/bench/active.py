@@ -280,7 +280,8 @@ def correlation(taken: Sequence[Row]) -> float | None:
     return float(np.corrcoef([[r["expected"], r["realised"]] for r in taken], rowvar=False)[0, 1])
 
 
-def summary(tried: Sequence[Row], arguments: Arguments) -> dict[str, Any]:
+def summary(tried: Sequence[Row], failed: int, arguments: Arguments) -> dict[str, Any]:
+    """Figures of the objects that every policy saw as often as it was to; how many it did not, and how many failed."""
     most = {policy: GOAL if policy == POLICIES[0] else arguments.most for policy in POLICIES}
     rows = seen_by_all(tried, most)
     if not rows:
@@ -292,6 +293,7 @@ def summary(tried: Sequence[Row], arguments: Arguments) -> dict[str, Any]:
     return {
         "objects": len(objects_of(rows)),
         "objects_left_out": len(objects_of(tried)) - len(objects_of(rows)),
+        "objects_failed": failed,
         "objects_right": len(objects_of(right)),
         "views_next_best": GOAL,
         **compared(rows, "chamfer_m", ""),
@@ -369,7 +371,7 @@ def main(arguments: Arguments) -> None:
         kept["rows"] += rows
         write_file(store, (json.dumps(kept) + "\n").encode())
     chosen = [r for r in kept["rows"] if r["object"] in {case.id for case in cases}]
-    metrics = summary(chosen, arguments)
+    metrics = summary(chosen, len(cases) - len(objects_of(chosen)), arguments)
     write_file(arguments.out / "metrics.json", (json.dumps(metrics, indent=2) + "\n").encode())
     draw(metrics, arguments.out / "active_vision.png")
     print({k: v for k, v in metrics.items() if k not in ("curves", "curves_right", "settings")})

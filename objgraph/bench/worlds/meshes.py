@@ -79,11 +79,12 @@ def _listed(folder: Path, category: str, shapes: ShapeSet) -> list[CadShape]:
     except PriorError as error:
         raise DatasetError(str(error)) from error
     held = heldout_groups(meshes, HELDOUT_SHARE)
-    makers = {"cad": ("people",), "everyday": ("generator",)}.get(shapes, ("people", "generator"))
+    if (maker := {"cad": "people", "everyday": "generator"}.get(shapes)) is None:
+        raise DatasetError(f"{folder}: its meshes are no {shapes}: say which, --shapes cad or everyday")
     return [
         CadShape(folder / mesh.file, None if mesh.size is None else float(np.linalg.norm(mesh.size)))
         for mesh in meshes
-        if mesh.maker in makers and (mesh.group in held or mesh.split != "train")
+        if mesh.maker == maker and (mesh.group in held or mesh.split != "train")
     ]
 
 

@@ -15,6 +15,7 @@ from objgraph.active.cameras import looking_at, sphere
 from objgraph.active.headings import OtherHeading, risk
 from objgraph.active.next_view import (
     NextViewConfig,
+    ViewGain,
     divergence,
     expected_information,
     next_views,
@@ -26,6 +27,7 @@ from objgraph.covariance.labelled import ObjectCovariance
 from objgraph.covariance.sides import SideMisfit, seen_sides
 from objgraph.covariance.surface import metric_sdf_jacobian
 from objgraph.errors import SolveError
+from objgraph.estimate.heading_modes import HeadingModesConfig
 from objgraph.observation.sampling import independent_shares
 from tests.objgraph.active.test_next_view import ALONE, scene_of
 from tests.toys import INTRINSICS, toy_prior, toy_state
@@ -96,6 +98,31 @@ def test_sides_that_are_first_seen_err_less(doubtful):
     assert squares[0] > squares[1]
     assert of_both.corners == pytest.approx(2 * of_marginals.corners + squares[0] - squares[1])
     assert of_both.surface == pytest.approx(of_marginals.surface + surface[0] - surface[1])
+
+
+def test_a_cost_is_worth_to_a_view_what_it_was_to_the_estimate(doubtful):
+    """Where more of it is one nat, a view is expected to tell less of headings."""
+    cameras = sphere(doubtful.centre, 2.2, UP, 5, (10.0, 50.0))
+
+    def gains(temperature: float) -> np.ndarray:
+        known = replace(doubtful, temperature=temperature)
+        return np.array(
+            [v.objects["chair"].corners for v in sorted_by_camera(next_views([known], cameras, CONFIG))]
+        )
+
+    assert doubtful.temperature == HeadingModesConfig.temperature  # of a prior without a guess
+    alone = replace(doubtful, others=(), probability=1.0)
+    rest = np.array(
+        [v.objects["chair"].corners for v in sorted_by_camera(next_views([alone], cameras, CONFIG))]
+    )
+    told = [gains(temperature) - rest for temperature in (5.0, 30.0, 1e9)]
+    assert (told[0] > told[1] + 1e-6).any()
+    assert (told[0] >= told[1] - 1e-12).all()
+    np.testing.assert_allclose(told[2], 0.0, atol=1e-6)
+
+
+def sorted_by_camera(views: list[ViewGain]) -> list[ViewGain]:
+    return sorted(views, key=lambda view: tuple(view.T_world_camera.translation()))
 
 
 def test_headings_that_are_likely_are_kept_with_their_distance(doubtful):

@@ -43,7 +43,7 @@ def test_one_object_is_looked_at_by_all_policies(tmp_path: Path):
     )  # fmt: skip
     assert done.returncode == 0, done.stderr[-2000:]
     metrics = json.loads((out / "metrics.json").read_text())
-    assert (metrics["objects"], metrics["views_next_best"]) == (1, 4)
+    assert (metrics["objects"], metrics["views_next_best"], metrics["objects_failed"]) == (1, 4, 0)
     assert -1 <= metrics["gain_correlation"] <= 1
     for measure in ("", "_box"):
         needed = {policy: metrics[f"views_{policy}{measure}"] for policy in ("random", "even")}

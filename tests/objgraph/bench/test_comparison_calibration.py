@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.stats import norm
+from scipy.stats import chi2, norm
 
 from objgraph.bench.comparison.objects.calibration import ALL, FUSED, calibration, squared_errors, with_fused
 from objgraph.bench.comparison.objects.plots import reliability_plot
@@ -77,6 +77,21 @@ def test_likelihood_and_sharpness_by_hand():
     assert chairs == entry | {"category": "chair"}
     assert entry["nll_interval"] is None
     assert entry["surface_nees"] is None
+
+
+def test_what_has_no_heading_has_eight_errors():
+    """A round object's error about y is zero by definition."""
+    rows = rows_of(count=3000)
+    round_ = [
+        replace(row, truth_symmetry=0, box_error=[*row.box_error[:1], 0.0, *row.box_error[2:]])
+        for row in [replace(row, box_covariance=np.eye(9).tolist(), box_error=error) for row, error in zip(
+            rows, np.random.default_rng(1).normal(size=(3000, 9)).tolist(), strict=True)]
+    ]  # fmt: skip
+    entry, *_ = calibration(round_, ["graph"])
+    assert entry["coverage95"] == pytest.approx(0.95, abs=0.012)
+    assert entry["nees_per_dof"] == pytest.approx(1.0, abs=0.03)
+    low, high = entry["nees_chi2"]
+    assert (low, high) == pytest.approx(tuple(chi2.ppf([0.025, 0.975], 24_000) / 24_000))
 
 
 def test_failures_and_wrong_modes_are_not_covered_and_not_in_the_nees():

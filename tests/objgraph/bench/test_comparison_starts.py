@@ -1,5 +1,8 @@
 """Where methods begin: the mean shape by ICP, and rows of either start."""
 
+from dataclasses import replace
+from importlib import import_module
+
 import gtsam
 import numpy as np
 import pytest
@@ -16,6 +19,8 @@ from objgraph.errors import InitialisationError
 from objgraph.observation.sampling import SamplingConfig, observe
 from tests.objgraph.bench.comparison_fakes import FAST, UP, FakeCase, FakeSource, install
 from tests.toys import toy_frame, toy_prior, toy_state
+
+measure_module = import_module(measure.__module__)
 
 
 @pytest.fixture(autouse=True)
@@ -79,6 +84,26 @@ def test_whose_own_start_is_the_shared_one_is_estimated_once(monkeypatch):
     shared, own = rows["near"], rows["near@own"]
     assert (shared.T_world_object, shared.seconds) == (own.T_world_object, own.seconds)
     assert own.start == "own"
+
+
+def test_a_start_whose_headings_were_guessed_is_not_one_without(monkeypatch):
+    """One heading that is left of a guess is another task than the same state alone, and is estimated by itself."""
+    asked = []
+
+    def watched(row, case, seen, start, views, config):
+        asked.append((row.contender, start.chances))
+        return row
+
+    monkeypatch.setattr(measure_module, "_estimated", watched)
+    found = measure_module.find_start
+    monkeypatch.setattr(
+        measure_module, "find_start", lambda *given: replace(found(*given).first(), chances=(1.0,))
+    )
+    monkeypatch.setitem(
+        METHODS, "near", METHODS["near"].__class__(METHODS["near"].estimator, FAST.sampling, "best")
+    )
+    rows_of("near", "near@own")
+    assert asked == [("near", ()), ("near@own", (1.0,))]
 
 
 def test_figures_are_by_method_and_start(tmp_path):

@@ -45,6 +45,8 @@ def test_rows_of_a_shape_are_drawn_together():
 
 def test_a_single_shape_has_no_interval():
     assert Resamples(["a", "a"]).mean(np.array([0.0, 1.0])) == (0.5, None)
+    chosen = np.array([True, True, False, False])
+    assert Resamples(["a", "a", "b", "c"]).mean(np.arange(4.0), chosen) == (0.5, None)
 
 
 def test_a_subset_that_some_draws_miss():

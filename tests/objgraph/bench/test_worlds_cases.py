@@ -379,6 +379,8 @@ def test_an_own_size_is_kept(collected):
 def test_sets_of_shapes_need_a_folder(collected):
     with pytest.raises(DatasetError, match="--meshes"):
         synthetic_cases(BenchmarkConfig(shapes="cad"))
+    with pytest.raises(DatasetError, match="are no families: say which"):
+        synthetic_cases(BenchmarkConfig(meshes=collected))
     entries = json.loads((collected / "index.json").read_text())
     (collected / "index.json").write_text("[]")
     with pytest.raises(DatasetError, match=r"index\.json"):

@@ -153,6 +153,12 @@ def test_reports_say_what_a_calibration_makes_of_rows(tmp_path):
     assert entry["set_size"] > 0
     titles = [table.title for table in calibration_tables([entry], "made up")]
     assert titles[0] == "Calibrated (made up)"
+    lost = [replace(row, failure="lost", evidence=None, box_modes=None) for row in fresh[:40]]
+    half, *_ = calibration([*lost, *fresh[40:]], ["graph@own"], known=known)
+    assert (half["n"], half["n_failed"], half["n_judged"]) == (240, 40, 200)
+    # from another start there was no choice of headings
+    other, *_ = calibration([replace(row, start="shared") for row in fresh], ["graph"], known=known)
+    assert "verdict_brier" not in other
     # of priors that it does not know it says nothing
     entry, *_ = calibration([replace(row, prior="other") for row in fresh], ["graph@own"], known=known)
     assert "verdict_brier" not in entry

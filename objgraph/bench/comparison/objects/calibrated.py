@@ -6,14 +6,14 @@ import numpy as np
 from jaxtyping import Float
 
 from objgraph.bench.comparison.objects.judged import METHOD, judged
-from objgraph.bench.comparison.objects.rows import ObjectRow
+from objgraph.bench.comparison.objects.rows import OWN, ObjectRow
 from objgraph.covariance.box_modes import EVERY_AXIS, HEADING_AXIS, factor_needed
 from objgraph.covariance.quantile import squared_limit
 from objgraph.trust.calibration import LEVELS, Calibration, CategoryCalibration
 from objgraph.trust.fitted import Judged
 
 MEASURED = (
-    "with a calibration, of objects that it knows: coverage*_sides: share of boxes in the set of all modes with the sides' errors; "
+    "with a calibration, of n_judged estimates of the graph from its own start whose objects it knows, failures not among them: coverage*_sides: share of boxes in the set of all modes with the sides' errors; "
     "coverage*_calibrated, heading95_calibrated: the same widened; coverage95_surface: share of objects of whose surface 95 % lie within; "
     "set_size: geometric mean of the standard deviations of the 95 % box set, median; wrong_modes_outside: share of objects whose heading is "
     "of another mode and whose box is outside of the 95 % set; verdict_brier: of the probability that the pose is right, verdict_brier_base: "
@@ -22,10 +22,13 @@ MEASURED = (
 
 
 def of_rows(rows: Sequence[ObjectRow], known: Calibration) -> dict[str, Float[np.ndarray, "n"]]:
-    """Figures of each row; NaN where the calibration does not know such an object."""
+    """Figures of each row; NaN where there is no estimate, or the calibration does not know such an object."""
     found: list[dict[str, float]] = []
     for row in rows:
-        usable = row.method == METHOD and None not in (row.evidence, row.box_modes, row.surface_error)
+        # from another start there was no choice of headings, which is evidence
+        usable = (row.method, row.start) == (METHOD, OWN) and None not in (
+            row.evidence, row.box_modes, row.surface_error,
+        )  # fmt: skip
         of = known.of(row.category, row.prior)
         found.append(_of(row, judged([row])[0], of) if usable and of is not None else {})
     names = sorted({name for each in found for name in each})

@@ -14,7 +14,9 @@ from objgraph.bench.comparison.objects.calibrated import MEASURED as WITH_CALIBR
 from objgraph.bench.comparison.objects.calibrated import of_rows
 from objgraph.bench.comparison.objects.rows import ObjectRow
 from objgraph.bench.comparison.writing.bootstrap import Interval, Resamples, same_objects, with_intervals
+from objgraph.covariance.box_modes import HEADING_AXIS
 from objgraph.covariance.fused import intersection
+from objgraph.metrics.pose import CONTINUOUS
 from objgraph.trust.calibration import Calibration
 
 LEVELS = (0.50, 0.90, 0.95)
@@ -27,7 +29,7 @@ ALL = "all"
 
 MEASURED = (
     "coverage*: share of all objects, failures and wrong modes among them, whose 9-DoF box (rotation, centre, log-extents) lies in the "
-    "estimate's ellipsoid of that probability; nees_per_dof: mean squared Mahalanobis error over 9, of right modes (heading within 45 "
+    "estimate's ellipsoid of that probability; nees_per_dof: mean squared Mahalanobis error over 9, or 8 of what has no heading, of right modes (heading within 45 "
     "degrees modulo symmetry); nees_chi2: the middle 95 % of that mean if covariances held; nll: mean negative log-likelihood of the box, "
     "nats, of right modes; sharpness: geometric mean of the box's standard deviations, median; surface_*: of the signed distance at "
     "points of the true surface under a Gaussian with the propagated variance and the decoder's own; *_interval: bootstrap over shapes; "
@@ -45,6 +47,8 @@ class _Box(NamedTuple):
     """Of one object; NaN where there is no estimate with a covariance."""
 
     squared: float
+    dof: int
+    """One less of what has no heading."""
     right: bool
     nll: float
     sharpness: float
@@ -78,18 +82,22 @@ def _entry(
 ) -> dict[str, Any]:
     draws = Resamples([row.shape for row in rows], seed)
     boxes = [_box(row) for row in rows]
-    squared, right = np.array([box.squared for box in boxes]), np.array([box.right for box in boxes])
+    squared, right, dof = (
+        np.array([getattr(box, name) for box in boxes]) for name in ("squared", "right", "dof")
+    )
     n_right = int(right.sum())
     figures: dict[str, tuple[float | None, Interval]] = {}
     for level in LEVELS:
-        held = (squared <= chi2.ppf(level, DOF)).astype(float)  # False for NaN
+        held = (squared <= chi2.ppf(level, dof)).astype(float)  # False for NaN
         figures[f"coverage{100 * level:.0f}"] = draws.mean(held)
-    figures["nees_per_dof"] = draws.mean(squared / DOF, right)
+    figures["nees_per_dof"] = draws.mean(squared / dof, right)
     figures["nll"] = draws.mean(np.array([box.nll for box in boxes]), right)
     figures["sharpness"] = draws.median(np.array([box.sharpness for box in boxes]), right)
     for figure, values in _surfaces(rows).items():
         figures[figure] = draws.mean(values, ~np.isnan(values))
-    for figure, values in ({} if known is None else of_rows(rows, known)).items():
+    by_known = {} if known is None else of_rows(rows, known)
+    n_judged = int(np.sum(~np.isnan(by_known["pose_right"]))) if by_known else 0
+    for figure, values in by_known.items():
         average = draws.median if figure == "set_size" else draws.mean
         figures[figure] = average(values, ~np.isnan(values))
     rate = figures.pop("pose_right", (None, None))[0]
@@ -103,25 +111,29 @@ def _entry(
         "n_failed": sum(row.failure is not None for row in rows),
         "n_right_mode": n_right,
         "wrong_modes": 1 - n_right / len(rows),
-        "nees_chi2": [float(chi2.ppf(p, DOF * n_right) / (DOF * n_right)) for p in (0.025, 0.975)]
+        "nees_chi2": [float(chi2.ppf(p, dof[right].sum()) / dof[right].sum()) for p in (0.025, 0.975)]
         if n_right
         else None,
-        **({} if rate is None else {"verdict_brier_base": rate * (1 - rate)}),
+        **({} if rate is None else {"n_judged": n_judged, "verdict_brier_base": rate * (1 - rate)}),
         **with_intervals(figures),
     }
 
 
 def _box(row: ObjectRow) -> _Box:
     if row.box_error is None or row.box_covariance is None or row.heading_error_deg is None:
-        return _Box(math.nan, False, math.nan, math.nan)
+        return _Box(math.nan, DOF, False, math.nan, math.nan)
     error, matrix = np.array(row.box_error), np.array(row.box_covariance)
+    if row.truth_symmetry == CONTINUOUS:
+        known = [axis for axis in range(DOF) if axis not in HEADING_AXIS]
+        error, matrix = error[known], matrix[np.ix_(known, known)]
+    dof = len(error)
     sign, log_det = np.linalg.slogdet(matrix)
     if sign <= 0:
-        return _Box(math.inf, False, math.nan, math.nan)
+        return _Box(math.inf, dof, False, math.nan, math.nan)
     squared = float(error @ np.linalg.solve(matrix, error))
     right = row.heading_error_deg <= RIGHT_MODE_DEG
-    nll = 0.5 * (squared + log_det + DOF * math.log(2 * math.pi))
-    return _Box(squared, right, nll, float(np.exp(log_det / (2 * DOF))))
+    nll = 0.5 * (squared + log_det + dof * math.log(2 * math.pi))
+    return _Box(squared, dof, right, nll, float(np.exp(log_det / (2 * dof))))
 
 
 def _surfaces(rows: Sequence[ObjectRow]) -> dict[str, Float[np.ndarray, "n"]]:

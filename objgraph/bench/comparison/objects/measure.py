@@ -114,7 +114,7 @@ def _from_starts(
         views = views_of(config.sampling)
         return find_start(kind, seen.prior, views, seen.scan.up_world, seen.floor, config)
 
-    done: dict[tuple[str, StartKind, int], ObjectRow] = {}
+    done: dict[tuple[Any, ...], ObjectRow] = {}
     for row in rows.values():
         chosen = method(row.method)
         kind: StartKind = "best" if row.start == SHARED else chosen.start
@@ -122,7 +122,7 @@ def _from_starts(
         try:
             start = start_of(kind)
             start = start.first() if row.start == SHARED else start
-            key = row.method, kind, len(start.states)
+            key = row.method, kind, len(start.states), start.chances
             if key in done:
                 # its own start is the shared one
                 yield replace(done[key], start=row.start, settings=row.settings)

@@ -186,7 +186,7 @@ def _with_calibration(entries: Sequence[Entry], data: str) -> Grid:
     )  # fmt: skip
 
     def texts(e: Entry) -> Iterator[str]:
-        yield from (e["contender"], str(e["n"]), *(_figure(e, name) for name in figures))
+        yield from (e["contender"], str(e["n_judged"]), *(_figure(e, name) for name in figures))
         yield _figure(e, "set_size", 4)
         yield from (_figure(e, name) for name in ("wrong_modes_outside", "verdict_brier"))
         yield NONE if e.get("verdict_brier_base") is None else f"{e['verdict_brier_base']:.2f}"
@@ -197,7 +197,7 @@ def _with_calibration(entries: Sequence[Entry], data: str) -> Grid:
         "wrong mode\noutside", "Brier", "of the\nrate", "sure", "of them\nright",
     )  # fmt: skip
     caption = (
-        "Boxes of all objects in the set of all modes: with the sides' errors, then calibrated; set size: geometric mean of its standard "
+        "Boxes of all objects that were estimated in the set of all modes: with the sides' errors, then calibrated; set size: geometric mean of its standard "
         "deviations at 95 %, median. Brier score of the probability that a pose is right, beside that of the rate alone."
     )
     return Grid(f"Calibrated ({data})", header, (_section(entries, texts),), caption, words=2)

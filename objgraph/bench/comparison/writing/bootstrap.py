@@ -23,7 +23,7 @@ class Resamples:
     def __init__(self, shapes: Sequence[str], seed: int = 0, count: int = RESAMPLES) -> None:
         """`shapes` has the shape of every row."""
         names, index = np.unique(np.asarray(shapes, dtype=str), return_inverse=True)
-        self.shapes = len(names)
+        self.shapes, self._index = len(names), index
         even = np.full(self.shapes, 1 / max(self.shapes, 1))
         self.weights = np.random.default_rng(seed).multinomial(self.shapes, even, size=count)[:, index]
 
@@ -37,7 +37,7 @@ class Resamples:
         weights, part = self.weights[:, chosen], values[chosen]
         total = weights.sum(axis=1)
         drawn = total > 0
-        return float(part.mean()), self._interval((weights @ part)[drawn] / total[drawn])
+        return float(part.mean()), self._interval((weights @ part)[drawn] / total[drawn], chosen)
 
     def median(
         self, values: Float[np.ndarray, "n"], where: Bool[np.ndarray, "n"] | None = None
@@ -48,11 +48,11 @@ class Resamples:
             return None, None
         weights, part = self.weights[:, chosen], values[chosen]
         drawn = weights.sum(axis=1) > 0
-        return float(np.median(part)), self._interval(weighted_medians(part, weights[drawn]))
+        return float(np.median(part)), self._interval(weighted_medians(part, weights[drawn]), chosen)
 
-    def _interval(self, samples: Float[np.ndarray, "b"]) -> Interval:
-        """The middle 95 %; None for a single shape, of which nothing can be said."""
-        if self.shapes < 2 or not len(samples):
+    def _interval(self, samples: Float[np.ndarray, "b"], chosen: Bool[np.ndarray, "n"]) -> Interval:
+        """The middle 95 %; None where a single shape is chosen, of which nothing can be said."""
+        if len(np.unique(self._index[chosen])) < 2 or not len(samples):
             return None
         # without interpolation, which infinity does not bear
         low = np.quantile(samples, (1 - LEVEL) / 2, method="lower")
