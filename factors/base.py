@@ -52,6 +52,7 @@ class ObservationFactor(ABC):
     `camera` is T_world_camera, or the key of a `Pose3` that holds it. With `body_T_camera` it is the pose of a body
     on which the camera is fixed: T_world_camera = T_world_body * body_T_camera.
 
+    Its answers are kept, so that the decoder's weights must not change while factors hold it.
     The decoder may be on another device: it is asked there, its answers come to the CPU, where GTSAM and all else is.
     """
 
@@ -71,6 +72,10 @@ class ObservationFactor(ABC):
             if isinstance(camera, gtsam.Pose3)
             else checks.key(f"{name}: camera (a Pose3 or a key)", camera)
         )
+        if isinstance(self.camera, int) and self.camera in tuple(self.object_keys):
+            raise FactorError(
+                f"{name}: {readable_key(self.camera)} is the object's own: the camera needs another key"
+            )
         self.body_T_camera = (
             None if body_T_camera is None else checks.pose(f"{name}: body_T_camera", body_T_camera)
         )
@@ -177,7 +182,11 @@ class ObservationFactor(ABC):
         self._decoded = _Decoded(query.fingerprint, value, jet) if value.isfinite().all() else None
 
     def gtsam_factor(self) -> gtsam.CustomFactor:
-        """The factor to add to a graph; it follows later calls of `refresh` on this object."""
+        """The factor to add to a graph; it follows later calls of `refresh` on this object.
+
+        It is Python's: GTSAM can neither clone nor serialise it, and so not use it in GNC; `linearized` gives a factor
+        that can be.
+        """
         dims = self.dims
         splits = np.cumsum(dims)[:-1]
 

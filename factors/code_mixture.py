@@ -85,8 +85,10 @@ def mixture_prior(keys: ObjectKeys, codes: CodeMixture) -> gtsam.CustomFactor:
     mixtures for robust robot mapping", 2013.)
 
     Raises:
-        FactorError: on evaluation, if the code has another length than the mixture's.
+        FactorError: `keys` or `codes` are none; on evaluation, if the code has another length than the mixture's.
     """
+    checks.instance("keys", keys, ObjectKeys)
+    checks.instance("codes", codes, CodeMixture)
     length = codes.mean.shape[1]
 
     def evaluate(values: gtsam.Values, jacobian: bool):

@@ -8,6 +8,9 @@ from factors import checks
 from factors.checks import DEVIATIONS
 from factors.state import LOG_SCALES, ObjectKeys
 
+UPRIGHT_DEG = 65.0
+"""Lean from which an optimiser still finds the upright pose by `upright_prior` alone."""
+
 
 def code_prior(
     keys: ObjectKeys, mean: Float[np.ndarray, "l"], covariance: Float[np.ndarray, "l l"]
@@ -48,8 +51,8 @@ def scale_prior(
 def upright_prior(keys: ObjectKeys, up_world: Float[np.ndarray, "3"], sigma: float) -> gtsam.NonlinearFactor:
     """The object's own up axis (+y) points against gravity, to within `sigma` radians about each axis.
 
-    GTSAM's residual is the sine of the lean: it is right for starts that lean by less than 90 degrees, and an object on
-    its head costs nothing.
+    GTSAM's residual is the sine of the lean: an object on its head costs nothing, and one that leans by more than
+    `UPRIGHT_DEG` may end there, since the sine hardly rises any more and a step goes far beyond.
     """
     noise = gtsam.noiseModel.Isotropic.Sigma(2, _sigma("upright sigma", sigma))
     up_world = checks.direction("up_world", up_world)

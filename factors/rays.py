@@ -126,7 +126,7 @@ def passing_depth(
     """z-depths at which hits at `depth` that miss the object's box are said to leave it: no less than through the box.
 
     So a hit costs no less where the object is out of its way than where the object lets it pass. `centre_depth` is that
-    of the object's origin, along the camera's z axis.
+    of the object's origin: along the camera's z axis, or where each ray comes nearest to it.
     """
     radius = float(np.linalg.norm(np.broadcast_to(half, 3) * state.scale))
     return np.maximum(depth + 2 * radius, centre_depth + radius)

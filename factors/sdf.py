@@ -78,8 +78,9 @@ def metres_per_unit(d_point: Float[Tensor, "n 3"], state: ObjectState) -> Float[
     far from the surface cannot blow a residual up.
     """
     scale = torch.as_tensor(state.scale, dtype=d_point.dtype, device=d_point.device)
-    norm = d_point.norm(dim=1).clamp_min(torch.finfo(d_point.dtype).tiny)
-    shrink = (d_point / scale).norm(dim=1) / norm
+    norm = d_point.norm(dim=1)
+    flat = norm == 0  # its slope has no direction: as long as the mean of the axes
+    shrink = torch.where(flat, (1 / scale).log().mean().exp(), (d_point / scale).norm(dim=1) / norm)
     return 1.0 / (norm.clamp(*_GRADIENT_RANGE) * shrink).clamp_min(1e-6)
 
 

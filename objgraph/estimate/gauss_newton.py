@@ -76,10 +76,14 @@ class GaussNewtonEstimator:
         if config.one_view:
             pool = replace(pool, rays=pool.rays.take(pool.rays.first_view))
         drawn = pool.draw(np.random.default_rng(config.seed), config.points, config.rays)
+        if not len(drawn.p_world):
+            return SolveError(f"{task.name}: no view has a surface point")
         state, costs = task.starts[0], []
         for i in range(config.iterations + 1):
             (rays,) = draw_rays(task.prior.decoder, [state], [drawn], config.steps)
             cost, H, gradient = self._normal_equations(task, state, drawn, rays)
+            if not np.isfinite(cost):
+                return SolveError(f"{task.name}: the cost after {i} steps is {cost}")
             costs.append(cost)
             if i == config.iterations:
                 break

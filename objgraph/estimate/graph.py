@@ -1,6 +1,7 @@
 """The factor graph as an estimator: Levenberg-Marquardt on the object's own graph, marginals from it."""
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -86,7 +87,8 @@ class GraphEstimator:
             state = found.states[found.cheapest]
             if found.cheapest != 0 and state is not None:
                 turns = found.turns(found.cheapest, config.temperature)
-                better.append((attempt, self._single(attempt.task, state), turns))
+                with suppress(ObjectGraphError):  # it has come to lean too far
+                    better.append((attempt, self._single(attempt.task, state), turns))
         solve([single for _, single, _ in better], self.solver)
         for attempt, single, turns in better:
             attempt.tried.append(single)

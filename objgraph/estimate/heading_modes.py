@@ -1,6 +1,7 @@
 """The headings beside an estimate's: the same box turned by quarters, solved anew on few points, all objects together."""
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 
 import gtsam
@@ -11,7 +12,7 @@ from factors import checks
 from factors.depth import RaySampling
 from factors.state import ObjectState
 from objgraph.covariance.heading_modes import QUARTERS, HeadingModes
-from objgraph.errors import ConfigError
+from objgraph.errors import ConfigError, ObjectGraphError
 from objgraph.estimate.task import EstimationTask
 from objgraph.graph.builder import GraphConfig, ObjectBuilder
 from objgraph.graph.initialise import free_points, misfit
@@ -110,7 +111,11 @@ def _attempts(
         return []
     thin = thinned(task.views, config.points, config.rays)
     cheap = ObjectBuilder(replace(graph, sampling=config.sampling), task.up_world, task.floor)
-    return [(quarter, cheap.alone(prior, state, thin)) for quarter, state in tried]
+    found: list[tuple[int, SingleObject]] = []
+    for quarter, state in tried:
+        with suppress(ObjectGraphError):  # an estimate that ended where it could not have begun is not turned
+            found.append((quarter, cheap.alone(prior, state, thin)))
+    return found
 
 
 def turned(

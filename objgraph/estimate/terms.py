@@ -165,7 +165,7 @@ def linearize(
 ) -> list[Linearized]:
     """The metric SDF of each object at its own points, all decoded together.
 
-    Metres a canonical unit are those at each point and held, as in the graph's factors.
+    Metres a canonical unit are those at each point, and held; in the graph's factors they follow the scale (`factors.sdf.MetricSdf`).
     """
     queries = [_query(decoder, state, points) for state, points in zip(states, p_world, strict=True)]
     parts: list[list[Tensor]] = [[], [], []]

@@ -231,8 +231,12 @@ def independent_shares(points: Float[np.ndarray, "n 3"], edge: float, most: floa
 def rigid_pose(frame: Frame, where: str) -> gtsam.Pose3:
     """T_world_camera of a frame; raises ObservationError, which begins with `where`, if it is no rigid motion."""
     T = np.asarray(frame.T_world_camera, dtype=float)
-    if T.shape != (4, 4) or not np.abs(T).max() < PLACES.most:
+    if T.shape != (4, 4) or not np.isfinite(T).all():
         raise ObservationError(f"{where}: the camera pose is not a finite 4x4 matrix; leave the frame out")
+    if np.abs(T).max() >= PLACES.most:
+        raise ObservationError(
+            f"{where}: the camera is more than {PLACES.most / 1000:.0f} km from the world's origin: move the origin near the scan"
+        )
     if (why := why_not_rigid(T)) is not None:
         raise ObservationError(f"{where}: the camera pose is no rigid motion: {why}; leave the frame out")
     return gtsam.Pose3(gtsam.Rot3.ClosestTo(T[:3, :3]), T[:3, 3])
@@ -248,8 +252,8 @@ def _draw(
     rng: np.random.Generator, weight: Float[np.ndarray, "n"], count: int, order: Int[np.ndarray, "n"]
 ) -> Int[np.ndarray, "m"]:
     """So many at most, in this order and evenly along it, the heavier the denser (systematic sampling)."""
-    if len(weight) <= count:
-        return order
+    if len(weight) <= count or count == 0:
+        return order[:count]
     reached = np.cumsum(weight[order])
     at = (np.arange(count) + rng.uniform()) * (reached[-1] / count)
     return order[np.unique(np.searchsorted(reached, at).clip(max=len(order) - 1))]

@@ -129,3 +129,10 @@ def test_what_is_no_mixture_is_refused(weight: np.ndarray, mean: np.ndarray, var
 def test_a_code_of_another_length_is_refused_by_name() -> None:
     with pytest.raises(FactorError, match="z1 holds a code of length 2, its prior is of 3"):
         mixture_prior(KEYS, mixture()).error(values_of(np.zeros(2)))
+
+
+def test_a_prior_of_something_else_is_refused() -> None:
+    with pytest.raises(FactorError, match="codes"):
+        mixture_prior(KEYS, np.zeros(3))
+    with pytest.raises(FactorError, match="keys"):
+        mixture_prior("o1", mixture())

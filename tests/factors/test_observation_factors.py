@@ -196,6 +196,11 @@ def test_own_pose_and_key_agree_where_the_camera_is_the_same(kind):
     torch.testing.assert_close(fixed.rows(values).jacobian, free.rows(values).jacobian[:, :columns])
 
 
+def test_a_camera_at_the_objects_own_key_is_refused():
+    with pytest.raises(FactorError, match="o0 is the object's own: the camera needs another key"):
+        make_factor("surface", KEYS.pose, np.random.default_rng(0))
+
+
 def test_code_of_another_length_is_named():
     factor, values = problem("surface", "fixed", seed=0)
     values.update(KEYS.code, np.zeros(CODE_LENGTH))

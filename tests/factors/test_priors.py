@@ -3,6 +3,7 @@ import numpy as np
 import pytest
 
 from factors.priors import (
+    UPRIGHT_DEG,
     code_prior,
     placed_prior,
     scale_covariance,
@@ -49,6 +50,22 @@ def test_upright_prior_measures_the_tilt_and_not_the_heading(tilt):
         ObjectState(gtsam.Pose3(rotation, np.zeros(3)), np.zeros(3), np.zeros(2)).insert(values, KEYS)
         error = upright_prior(KEYS, up, 0.05).error(values)
         assert error == pytest.approx(0.5 * (np.sin(tilt) / 0.05) ** 2, rel=0.01, abs=1e-9)
+
+
+@pytest.mark.parametrize("lean_deg", [20.0, 50.0, UPRIGHT_DEG])
+def test_what_leans_no_more_than_is_allowed_is_righted(lean_deg):
+    up = np.array([0.0, 0.0, 1.0])
+    rotation = gtsam.Rot3.Rx(np.radians(lean_deg)).compose(gtsam.Rot3.Rx(np.pi / 2))
+    values = gtsam.Values()
+    ObjectState(gtsam.Pose3(rotation, np.zeros(3)), np.zeros(3), np.zeros(2)).insert(values, KEYS)
+    loosely = gtsam.noiseModel.Isotropic.Sigma(6, 1.0)
+    graph = gtsam.NonlinearFactorGraph()
+    graph.push_back(upright_prior(KEYS, up, 0.05))
+    graph.push_back(gtsam.PriorFactorPose3(KEYS.pose, values.atPose3(KEYS.pose), loosely))
+    found = gtsam.Values()
+    found.insert(KEYS.pose, values.atPose3(KEYS.pose))
+    found = gtsam.LevenbergMarquardtOptimizer(graph, found).optimize()
+    assert found.atPose3(KEYS.pose).rotation().matrix()[:, 1] @ up > 0.99
 
 
 def test_a_detectors_box_is_a_measurement_along_the_objects_own_axes():

@@ -57,6 +57,13 @@ def test_metres_of_a_unit_are_those_along_the_normal_of_a_stretched_field(slope)
     np.testing.assert_allclose(found, 1 / np.linalg.norm(gradient, axis=1))
 
 
+def test_where_a_decoder_is_flat_a_unit_is_no_more_than_twice_the_mean_of_the_axes():
+    """A distance that is cut off has no slope: its direction is none, and its length counts as the least."""
+    state = ObjectState(gtsam.Pose3(), np.log([1.0, 2.0, 4.0]), np.zeros(CODE_LENGTH))
+    d_point = torch.tensor([[0.0, 0.0, 0.0], [1e-30, 0.0, 0.0]], dtype=torch.float64)
+    np.testing.assert_allclose(metres_per_unit(d_point, state), [4.0, 2.0])
+
+
 def test_metres_of_a_scaled_sphere_are_metres():
     decoder, state = (
         SphereDecoder(),

@@ -106,3 +106,13 @@ def test_a_turn_that_is_cheaper_on_few_points_alone_is_not_taken(monkeypatch):
     assert found.turns is not None
     np.testing.assert_allclose(found.turns.probability, [1 / (1 + np.e), 0, np.e / (1 + np.e), 0])
     assert found.linearizations > plain.linearizations + 7
+
+
+def test_an_estimate_that_came_to_lean_is_not_turned_and_stops_no_other():
+    given = replace(task(starts=(TRUE,)), prior=PRIOR)
+    lean = gtsam.Pose3(gtsam.Rot3.Rx(np.radians(80)), np.zeros(3))
+    leaning = replace(TRUE, T_world_object=TRUE.T_world_object.compose(lean))
+    quick = replace(EVERY, solver=SolverConfig(slopes=(60.0,), rounds=1))
+    one, other = heading_modes([given, given], [leaning, TRUE], GraphConfig(), quick)
+    assert one is None
+    assert other is not None

@@ -11,10 +11,12 @@ from factors.rendering import CLEAR
 from factors.state import RIGID_DOF
 from objgraph.bench.comparison.contenders.methods import METHODS, RELEASED_DIFFERENCES, method, released
 from objgraph.bench.comparison.objects.config import settings_of
+from objgraph.errors import SolveError
 from objgraph.estimate import AdamConfig, AdamEstimator, GaussNewtonEstimator
 from objgraph.estimate.adam import clip_groups, own_from_world_scale
 from objgraph.estimate.gauss_newton import huber_weight
 from objgraph.estimate.pool import Pool
+from objgraph.estimate.task import Estimate
 from objgraph.estimate.terms import RaySteps, draw_rays
 from tests.objgraph.estimate.adam_cases import (
     DECODER,
@@ -288,3 +290,15 @@ def test_rays_of_one_view_are_the_first_views():
     all_views = replace(estimator, config=replace(estimator.config, one_view=False))
     assert np.abs(result(one, all_views).state.matrix - result(other, all_views).state.matrix).max() > 1e-3
     assert np.abs(result(one, estimator).state.matrix - result(one, all_views).state.matrix).max() > 1e-6
+
+
+def test_gauss_newtons_failures_are_its_results():
+    """No surface point, and steps that lead beyond all numbers: the other object of the batch is estimated."""
+    (view, *_) = views()
+    bare = replace(view, points_camera=np.zeros((0, 3)), points_sigma=np.zeros(0))
+    far = toy_state().retract(np.r_[np.zeros(6), np.full(3, 300.0), np.zeros(DIM - 9)])
+    tasks = [task(views=(bare,)), task(starts=(far,)), task()]
+    without, beyond, good = GAUSS_NEWTON.estimate(tasks)
+    assert "no view has a surface point" in str(without)
+    assert isinstance(beyond, SolveError)
+    assert isinstance(good, Estimate)

@@ -14,7 +14,7 @@ from objgraph.estimate import AdamEstimator
 from objgraph.estimate.graph import GraphEstimator
 from objgraph.estimate.standing import Standing
 from objgraph.estimate.task import Estimate, EstimationTask
-from objgraph.graph.builder import ObjectBuilder
+from objgraph.graph.builder import RENDERERS, GraphConfig, ObjectBuilder
 from objgraph.graph.single_object import ALONE
 from tests.objgraph.estimate.adam_cases import (
     DIM,
@@ -27,9 +27,23 @@ from tests.objgraph.estimate.adam_cases import (
     result,
     task,
 )
-from tests.toys import toy_state
+from tests.toys import toy_prior, toy_state
 
 BOX = np.array([0.6, 0.85, 0.6])
+
+
+@pytest.mark.parametrize("renderer", RENDERERS)
+def test_whatever_renders_its_views_an_object_in_the_floor_is_pushed_up(renderer):
+    builder = ObjectBuilder(GraphConfig(renderer=renderer), UP, 0.0)
+    (factor,) = builder.standing(toy_prior(), ALONE)  # which has no feet
+    low = toy_state()
+    low = replace(low, T_world_object=gtsam.Pose3(low.T_world_object.rotation(), 0.1 * UP))
+    values = gtsam.Values()
+    low.insert(values, ALONE)
+    factor.refresh(values)
+    rows = factor.rows(values)
+    gradient = low.T_world_object.rotation().matrix() @ (rows.residual @ rows.jacobian).numpy()[3:6]
+    assert gradient @ UP < -1
 
 
 def standing_task(floor: float | None = 0.0, **changes) -> EstimationTask:

@@ -19,3 +19,13 @@ def test_keys_are_the_rows_of_indices_in_their_order(points: np.ndarray, edge: f
     assert_array_equal(voxel_indices(keys), rows)
     assert_array_equal(same, inverse.ravel())
     assert_array_equal(as_many, counts)
+
+
+def test_far_from_the_origin_as_many_cubes_are_told_apart() -> None:
+    """Metres of a national grid, 600 km off: whole multiples of the edge away, so that the cubes are the same."""
+    points = np.random.default_rng(0).uniform(0, 2, (500, 3))
+    far = points + 0.0625 * np.array([9_600_000, -3_200_000, 160])
+    _, here = np.unique(voxel_keys(points, 0.0625), return_inverse=True)
+    _, there = np.unique(voxel_keys(far, 0.0625), return_inverse=True)
+    pairs = set(zip(here.tolist(), there.tolist(), strict=True))
+    assert len(pairs) == len(set(here)) == len(set(there))

@@ -71,6 +71,10 @@ BAD = {
         with_depth(np.random.default_rng(0).uniform(1, 9, (24, 24)), (ROWS, COLUMNS)),
         "mask pixels have a steady depth",
     ),
+    "a pose of a national grid": (
+        posed(np.eye(4) + 5.3e6 * np.eye(4, k=3)),
+        "more than 1000 km from the world's origin: move the origin",
+    ),
     "pose of NaN": (posed(np.full((4, 4), np.nan)), "not a finite 4x4"),
     "pose of -inf": (posed(np.full((4, 4), -np.inf)), "not a finite 4x4"),
     "scaled pose": (posed(np.diag([2.0, 2.0, 2.0, 1.0])), "no rigid motion"),
@@ -193,6 +197,8 @@ def test_sigmas_are_the_sensor_s_and_the_outline_s():
 
 
 def test_the_counts_of_the_configuration_are_kept():
+    none = observe(flat_frame(), 7, SamplingConfig(free=0))
+    assert none.rays.hit.all()
     view = observe(flat_frame(), 7, SamplingConfig(points=30, hits=20, free=10))
     assert (len(view.points_camera), view.rays.hit.sum(), (~view.rays.hit).sum()) == (30, 20, 10)
     few = observe(flat_frame(), 7, SamplingConfig(points=10_000, hits=10_000, free=10_000))
