@@ -224,8 +224,10 @@ def test_a_prior_gets_a_guess_and_its_card_says_what_it_is_worth(tmp_path: Path)
 
 def test_a_prior_whose_shapes_are_not_at_hand_gets_a_guess_from_random_codes(tmp_path: Path) -> None:
     save_prior(toy_prior(), tmp_path / "toy.safetensors")
-    made = random_shapes(toy_prior(), 5, seed=0)
-    assert_allclose([np.linalg.norm(shape.extents) for shape in made], 1.0)
+    boxed = replace(toy_prior(), box=np.array([0.5, 0.7, 0.5]), anisotropy_sigma=0.1)
+    edges = np.array([shape.extents for shape in random_shapes(boxed, 5, seed=0)])
+    assert_allclose(np.linalg.norm(edges, axis=1), 1.0)
+    assert len(np.unique(edges[:, 0])) == 5
     command = GuessCommand(
         str(tmp_path / "toy.safetensors"), tmp_path / "out.safetensors", work=tmp_path / "work",
         guess=replace(CONFIG, scenes=8, steps=5),
@@ -239,8 +241,9 @@ def test_a_prior_whose_shapes_are_not_at_hand_gets_a_guess_from_random_codes(tmp
 
 def test_a_guess_learns_from_the_meshes_that_its_prior_has_seen(meshes: Path, tmp_path: Path) -> None:
     """Not from those held out, of which the card tells; a broken one is left out, and codes are looked for once."""
-    held = {"heldout": {"collected": ["t2.ply"]}}
-    prior = replace(toy_prior(), category="table", card=held)
+    files = [f"t{i}.ply" for i in (0, 1, 3, 4)]
+    card = {"heldout": {"collected": ["t2.ply"]}, "data": {"collected": [{"files": files}]}}
+    prior = replace(toy_prior(), category="table", card=card)
     seen = [entry for entry in read_index(meshes, "table") if entry.file != "t2.ply"]
     known = known_shapes(prior, seen, tmp_path / "work")
     assert [shape.name for shape in known] == ["t0.ply", "t1.ply", "t3.ply"]
