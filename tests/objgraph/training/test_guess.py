@@ -83,6 +83,7 @@ def test_by_which_turns_a_shape_looks_the_same() -> None:
 def test_what_is_seen_lies_on_the_object_or_outside_of_it() -> None:
     shape = shapes()[0]
     assert shape.mesh is not None
+    assert shape.extents is not None
     seen = None
     rng = np.random.default_rng(3)
     while seen is None:
@@ -249,6 +250,7 @@ def test_a_guess_learns_from_the_meshes_that_its_prior_has_seen(meshes: Path, tm
     assert [shape.name for shape in known] == ["t0.ply", "t1.ply", "t3.ply"]
     for shape, width in zip(known, (0.6, 0.65, 0.75), strict=True):
         edges = np.array([width, 0.3, 0.5])
+        assert shape.extents is not None
         assert_allclose(shape.extents, edges / np.linalg.norm(edges), atol=1e-3)
         assert shape.code is not None
         assert shape.code.shape == (TOY_CODE,)
@@ -267,18 +269,22 @@ def test_a_guess_learns_from_the_meshes_that_its_prior_has_seen(meshes: Path, tm
 
 
 def test_random_codes_take_the_proportions_of_the_known_shape_that_is_nearest() -> None:
-    flat = Shape("flat", np.array([0.9, 0.1, 0.42]), code=np.full(TOY_CODE, 5.0))
-    tall = Shape("tall", np.array([0.1, 0.9, 0.42]), code=np.full(TOY_CODE, -5.0))
-    drawn = random_shapes(toy_prior(), 40, seed=0, known=[flat, tall])
+    wide, high = np.array([0.9, 0.1, 0.42]), np.array([0.1, 0.9, 0.42])
+    flat = Shape("flat", wide, code=np.full(TOY_CODE, 5.0))
+    tall = Shape("tall", high, code=np.full(TOY_CODE, -5.0))
+    drawn, found = random_shapes(toy_prior(), 40, seed=0, known=[flat, tall]), set()
     for shape in drawn:
         assert shape.code is not None
-        assert_allclose(shape.extents, (flat if shape.code.sum() > 0 else tall).extents)
-    assert {shape.extents[1] for shape in drawn} == {0.1, 0.9}
+        assert shape.extents is not None
+        assert_allclose(shape.extents, wide if shape.code.sum() > 0 else high)
+        found.add(shape.extents[1])
+    assert found == {0.1, 0.9}
 
 
 def test_what_need_not_stand_is_seen_above_the_floor() -> None:
     shape, rng = shapes()[0], np.random.default_rng(1)
     assert shape.mesh is not None
+    assert shape.extents is not None
     hung = replace(toy_prior(), card={"stands": False})
     seen = [draw_seen(shape.mesh, shape.extents, hung, SceneConfig(), rng) for _ in range(4)]
     raised = [

@@ -160,11 +160,11 @@ def test_a_held_out_mesh_that_cannot_be_read_is_left_out_before_the_training(
 def seen_twice() -> Draws:
     """Four objects, each in two views."""
     rng = np.random.default_rng(0)
-    clouds = [rng.normal(size=(4, 3, n, 3)) for n in (20, 20, 10)]
+    surface, normal, free = (rng.normal(size=(4, 3, n, 3)) for n in (20, 20, 10))
     T = np.tile(np.eye(4), (4, 1, 1))
-    views = np.full(4, 2)
+    views, turned = np.full(4, 2), np.zeros((4, 16))
     return Draws(
-        *clouds, rng.normal(size=(4, 3, 3)), views, np.zeros(4), T, np.zeros((4, 3)), np.zeros((4, 16)), np.arange(4)
+        surface, normal, free, rng.normal(size=(4, 3, 3)), views, np.zeros(4), T, np.zeros((4, 3)), turned, np.arange(4)
     )  # fmt: skip
 
 
