@@ -167,11 +167,13 @@ def guess_quality(
 
 
 def _readable(meshes: Sequence[tuple[Path, str]]) -> list[Shape]:
-    """Meshes in their own proportions; of one that cannot be read it is said, and why."""
+    """Meshes in their own proportions; of one that cannot be read, or is flat, it is said, and why."""
     shapes = []
     for path, name in meshes:
         try:
             mesh = canonical(read_mesh(path), name)
+            if not mesh.extents.min() > 0:
+                raise MeshError(f"{path} is flat: no box can be filled by it")
         except MeshError as error:
             log.warning("%s is left out of what the first guess is measured on: %s", name, error)
             continue

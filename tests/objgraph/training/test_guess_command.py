@@ -144,16 +144,18 @@ def test_a_held_out_mesh_that_cannot_be_read_is_left_out_before_the_training(
     monkeypatch.setattr(module, "_SCENES", 2)
     folder = boxes(tmp_path / "meshes", "good.ply")
     (folder / "bad.ply").write_text("nonsense")
-    unseen = [(folder / name, name) for name in ("bad.ply", "good.ply")]
+    trimesh.Trimesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]]).export(folder / "flat.ply")
+    unseen = [(folder / name, name) for name in ("bad.ply", "flat.ply", "good.ply")]
     shapes = random_shapes(toy_prior(), 1, seed=0)
     order: list[str] = []
     prior = with_first_guess(
         toy_prior(), shapes, unseen, CONFIG, tmp_path / "work", progress=lambda what, *_: order.append(what)
     )
     assert 1 <= prior.card["first_guess"]["heldout"]["1"]["objects"] <= 2
-    assert "bad.ply is left out of what the first guess is measured on" in caplog.text
+    for name in ("bad.ply", "flat.ply"):
+        assert f"{name} is left out of what the first guess is measured on" in caplog.text
     assert order[0] == "drawing held-out scenes"
-    alone = with_first_guess(toy_prior(), shapes, unseen[:1], CONFIG, tmp_path / "work")
+    alone = with_first_guess(toy_prior(), shapes, unseen[:2], CONFIG, tmp_path / "work")
     assert "heldout" not in alone.card["first_guess"]
 
 
