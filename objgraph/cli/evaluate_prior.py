@@ -1,6 +1,8 @@
 """What the command line does with shape priors: `objgraph evaluate-prior`."""
 
+import logging
 import os
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -12,11 +14,15 @@ from rich.console import Console
 from objgraph.cli.progress import progress
 from objgraph.errors import EvaluationError
 from objgraph.priors.registry import load_prior
+from objgraph.priors.shape_prior import ShapePrior
 from objgraph.training.guess.command import guess_quality
-from objgraph.training.meshes.folder import Choice, choose_meshes, write_json
+from objgraph.training.guess.train import GuessQuality
+from objgraph.training.meshes.folder import Choice, ChosenMeshes, choose_meshes, write_json
 from objgraph.training.quality.evaluate import PriorEvaluationConfig, ShapeRow, evaluate_meshes
 from objgraph.training.quality.random_codes import check_random_codes
 from objgraph.training.quality.report import document, table
+
+log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -35,7 +41,7 @@ class EvaluatePriorCommand:
     prior: Path | None = None
     """The prior's .safetensors file; by default the category's shipped one."""
     heldout: bool = False
-    """Only meshes of index.json that the prior's card names as held out: the default where there are any."""
+    """Only meshes that the prior's card names as held out: the default where there are any."""
     all: bool = False
     """Every mesh, trained on or not."""
     jobs: int = 1
@@ -74,18 +80,10 @@ def run_evaluate_prior(command: EvaluatePriorCommand, console: Console) -> dict[
             random_codes = check_random_codes(
                 prior, command.random_codes, seed=command.config.seed, jobs=command.jobs
             )
-        guess = None
-        if prior.guess is not None:
-            read = [
-                (path, name)
-                for path, name, row in zip(meshes.paths, meshes.names, rows, strict=True)
-                if row.chamfer is not None
-            ]
-            with TemporaryDirectory() as folder:
-                guess = guess_quality(
-                    prior, read, command.config.seed, Path(folder), command.jobs,
-                    progress=lambda done, total: tell("drawing scenes for the first guess", done, total),
-                )  # fmt: skip
+        guess = _guess(
+            command, prior, meshes, rows,
+            lambda done, total: tell("drawing scenes for the first guess", done, total),
+        )  # fmt: skip
     prior_file = str(command.prior or f"{prior.category}.safetensors as shipped")
     result = document(prior, prior_file, meshes, rows, command.config, random_codes, guess)
     write_json(result, command.json)
@@ -105,6 +103,32 @@ def run_evaluate_prior(command: EvaluatePriorCommand, console: Console) -> dict[
         )
     console.print(f"written to {command.json}")
     return result
+
+
+def _guess(
+    command: EvaluatePriorCommand,
+    prior: ShapePrior,
+    meshes: ChosenMeshes,
+    rows: Sequence[ShapeRow],
+    report: Callable[[int, int], None],
+) -> dict[int, GuessQuality] | None:
+    """What the first guess is worth on the meshes that were fitted; None where there is none, or it cannot be measured."""
+    fitted = [
+        (path, name)
+        for path, name, row in zip(meshes.paths, meshes.names, rows, strict=True)
+        if row.chamfer is not None
+    ]
+    if prior.guess is None or not fitted:
+        return None
+    try:
+        with TemporaryDirectory() as folder:
+            return guess_quality(
+                prior, fitted, command.config.seed, Path(folder), command.jobs, progress=report
+            )
+    except Exception as error:  # the rows are worth more, whatever it is
+        log.debug("the first guess", exc_info=True)
+        log.warning("the first guess is not measured: %s", error)
+        return None
 
 
 def _check(command: EvaluatePriorCommand) -> None:

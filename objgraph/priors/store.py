@@ -1,6 +1,7 @@
 """A shape prior as one safetensors file: weights and code statistics as tensors, the model card as JSON."""
 
 import hashlib
+import json
 import logging
 from dataclasses import asdict
 from pathlib import Path
@@ -16,7 +17,7 @@ from factors.deepsdf import DeepSdfConfig, DeepSdfDecoder
 from factors.errors import FactorError
 from factors.sdf_decoder import SdfDecoder
 from factors.superquadric import Superquadric, SuperquadricConfig
-from objgraph.checked import check_fields, typed
+from objgraph.checked import check_fields, parse_json, typed
 from objgraph.errors import PriorError
 from objgraph.priors.first_guess import FirstGuess, FirstGuessConfig
 from objgraph.priors.shape_prior import ShapePrior
@@ -31,7 +32,11 @@ BOX_SCALE = "every shape stretched to one box (tensor `box`); distances before t
 
 
 def save_prior(prior: ShapePrior, path: Path) -> None:
-    """Write a prior atomically, with the hash of its tensors in the card."""
+    """Write a prior atomically, with the hash of its tensors in the card.
+
+    Raises:
+        PriorError: it could not be loaded again, or the file cannot be written; the message names it.
+    """
     tensors = {f"decoder.{name}": value for name, value in prior.decoder.state_dict().items()}
     tensors["code_mean"] = torch.from_numpy(np.asarray(prior.code_mean, np.float64))
     if prior.kinds is None:
@@ -46,6 +51,7 @@ def save_prior(prior: ShapePrior, path: Path) -> None:
     if prior.guess is not None:
         tensors |= {f"guess.{name}": value for name, value in prior.guess.state_dict().items()}
         guess = {"guess": asdict(prior.guess.config)}
+    _require_floats(tensors, path)
     header = {
         "format": FORMAT,
         "category": prior.category,
@@ -61,6 +67,12 @@ def save_prior(prior: ShapePrior, path: Path) -> None:
         "sha256": digest(tensors),
         "card": {k: v for k, v in prior.card.items() if k not in _HEADER},
     }
+    try:
+        read = parse_json(json.dumps(header).encode())
+    except (TypeError, ValueError) as error:
+        raise PriorError(f"{path} would be no usable shape prior: {error}") from error
+    with torch.random.fork_rng(devices=[]):  # the caller's generator stays as it was
+        _prior_of({name: value.detach().cpu() for name, value in tensors.items()}, read, path)
     save_tensors(tensors, header, path)
 
 
@@ -75,10 +87,14 @@ def load_prior_file(path: Path) -> ShapePrior:
         raise PriorError(
             f"{path} is no shape prior of this library (format {header.get('format')!r}, not {FORMAT!r})"
         )
-    if kinds := {str(value.dtype) for value in tensors.values() if value.dtype not in _FLOATS}:
-        raise PriorError(f"{path} holds tensors of {', '.join(sorted(kinds))}, a prior has floats alone")
+    _require_floats(tensors, path)
     if digest(tensors) != header.get("sha256"):
         raise PriorError(f"{path} is damaged: its tensors do not have the hash that its card gives")
+    return _prior_of(tensors, header, path)
+
+
+def _prior_of(tensors: dict[str, Tensor], header: dict[str, Any], path: Path) -> ShapePrior:
+    """The prior of a file's contents; raises PriorError, which names the file, where they are of none."""
     try:
         decoder = _decoder_of(header["decoder"], _part(tensors, "decoder."))
         guess, said = None, header.get("guess")
@@ -144,6 +160,11 @@ def load_prior_file(path: Path) -> ShapePrior:
         surface_misfit=surface_misfit,
         kinds=kinds,
     )
+
+
+def _require_floats(tensors: dict[str, Tensor], path: Path) -> None:
+    if kinds := {str(value.dtype) for value in tensors.values() if value.dtype not in _FLOATS}:
+        raise PriorError(f"{path} holds tensors of {', '.join(sorted(kinds))}, a prior has floats alone")
 
 
 def _kinds(tensors: dict[str, Tensor]) -> CodeMixture | None:

@@ -3,12 +3,14 @@
 import logging
 from collections.abc import Sequence
 from dataclasses import asdict, replace
+from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from objgraph.errors import ProcessError
 from objgraph.priors.shape_prior import ShapePrior
 from objgraph.priors.store import save_prior
 from objgraph.training.codes.fit import FitError, fit_error, typical_codes
@@ -17,9 +19,10 @@ from objgraph.training.guess.command import with_first_guess
 from objgraph.training.guess.data import Shape
 from objgraph.training.meshes.corpus import Corpus, build_corpus
 from objgraph.training.meshes.index import CadMesh
-from objgraph.training.meshes.samples import SURFACE_POINTS
-from objgraph.training.progress import bars
+from objgraph.training.meshes.samples import SURFACE_POINTS, SdfSamples
+from objgraph.training.progress import Report, bars
 from objgraph.training.size import size_statistics
+from objgraph.work import Workers, spread, threads
 
 log = logging.getLogger(__name__)
 
@@ -52,7 +55,8 @@ def _corpus(config: TrainConfig) -> Corpus:
 
 
 def _write(config: TrainConfig, corpus: Corpus, trained: Trained) -> Path:
-    prior = make_prior(config, corpus, trained)
+    with bars() as report:
+        prior = make_prior(config, corpus, trained, report)
     path = config.out / f"{config.category}.safetensors"
     save_prior(prior, path)
     if config.guess.steps:
@@ -62,15 +66,21 @@ def _write(config: TrainConfig, corpus: Corpus, trained: Trained) -> Path:
             for shape, code in zip(corpus.training, trained.codes, strict=True)
         ]
         unseen = [(entry.path, entry.file) for entry in corpus.unseen]
-        with bars() as report:
+        with threads(config.threads), bars() as report:
             prior = with_first_guess(prior, shapes, unseen, config.guess, work, config.jobs, report)
         save_prior(prior, path)
     log.info("%s: step %d, held out: %s", path, trained.step, prior.card["heldout"]["summary"])
     return path
 
 
-def make_prior(config: TrainConfig, corpus: Corpus, trained: Trained) -> ShapePrior:
-    """The prior of a training, with what it does on shapes it has not seen in the card."""
+def make_prior(
+    config: TrainConfig, corpus: Corpus, trained: Trained, progress: Report | None = None
+) -> ShapePrior:
+    """The prior of a training, with what it does on shapes it has not seen in the card; `config.jobs` processes measure it.
+
+    Raises:
+        ProcessError: one of them died.
+    """
     metric = [(entry.size, entry.source) for entry in corpus.used if entry.size is not None]
     size_mean, size_log_sigma, size_source = size_statistics(
         config.category, [size for size, _ in metric], [source for _, source in metric]
@@ -94,8 +104,8 @@ def make_prior(config: TrainConfig, corpus: Corpus, trained: Trained) -> ShapePr
     collected = {entry.file for entry in corpus.unseen}
     unseen = [shape for shape in corpus.heldout if shape.name.split("#")[0] in collected]
     procedural = [shape for shape in corpus.heldout if shape.name.split("#")[0] not in collected]
-    errors = [fit_error(prior, shape) for shape in unseen]
-    procedural_errors = [fit_error(prior, shape) for shape in procedural[:5]]
+    fits = _fits(prior, [*unseen, *procedural[:5]], config.jobs, progress)
+    errors, procedural_errors = fits[: len(unseen)], fits[len(unseen) :]
     by_people = {entry.file for entry in corpus.unseen if entry.maker == "people"}
     # a generator's held-out shapes are as those of its that were trained on: real ones are not
     unlike = [error for error in errors if error.name.split("#")[0] in by_people]
@@ -128,6 +138,20 @@ def make_prior(config: TrainConfig, corpus: Corpus, trained: Trained) -> ShapePr
         "size_source": size_source,
     }
     return replace(prior, residual_sigma=next(iter(bands.values()), prior.residual_sigma), card=card)
+
+
+def _fits(
+    prior: ShapePrior, shapes: Sequence[SdfSamples], jobs: int, progress: Report | None
+) -> list[FitError]:
+    """How the prior describes each shape."""
+    found: dict[int, FitError] = {}
+    for place, error in spread([partial(fit_error, prior, shape) for shape in shapes], Workers(jobs)):
+        if isinstance(error, ProcessError):
+            raise error
+        found[place] = error
+        if progress is not None:
+            progress("fitting held-out shapes", len(found), len(shapes))
+    return [found[place] for place in range(len(shapes))]
 
 
 def _bands(errors: Sequence[FitError]) -> dict[str, float]:

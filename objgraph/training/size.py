@@ -25,6 +25,8 @@ bookshelves from 0.6 x 0.9 x 0.3 to 1.6 x 2.1 x 0.35; displays from 0.45 x 0.4 x
 (65 inches); bathtubs from 1.4 x 0.55 x 0.7 to 1.9 x 0.65 x 0.9; bins from 0.25 x 0.3 x 0.25 (office) to
 0.6 x 1.05 x 0.75 (wheeled)."""
 
+LEAST_SIGMA = 0.05
+"""Of the logarithm of a size: few meshes, or equal ones, do not make the next object's known."""
 _PLAUSIBLE = {"chair": (0.4, 4.0), "table": (0.4, 4.0), "car": (3.0, 6.2)}
 """Diagonals beyond these are no metric size of the category, whatever their source says: a car is no longer than a van."""
 _PLAUSIBLE_ANYTHING = (0.05, 30.0)
@@ -59,6 +61,6 @@ def size_statistics(
     words = f"{len(logs)} metric meshes of {len(counts)} sources, each counted as {_MOST:g} at most"
     return (
         float(np.exp(mean)),
-        float(np.sqrt(variance)),
+        max(LEAST_SIGMA, float(np.sqrt(variance))),
         words + (", and usual dimensions as so many" if known else ""),
     )

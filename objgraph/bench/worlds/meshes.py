@@ -84,7 +84,7 @@ def _listed(folder: Path, category: str, shapes: ShapeSet) -> list[CadShape]:
     return [
         CadShape(folder / mesh.file, None if mesh.size is None else float(np.linalg.norm(mesh.size)))
         for mesh in meshes
-        if mesh.maker == maker and (mesh.group in held or mesh.split != "train")
+        if mesh.maker == maker and mesh.group in held
     ]
 
 

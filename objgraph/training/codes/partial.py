@@ -5,6 +5,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from jaxtyping import Float
 
+from factors import checks
+from objgraph.errors import ConfigError
 from objgraph.priors.shape_prior import ShapePrior
 from objgraph.training.codes.search import CodeRows, SearchConfig, search
 from objgraph.training.codes.single_view import DepthView, free_points
@@ -30,6 +32,13 @@ class PartialConfig:
     """How many independent measurements the points in empty space count for."""
     search: SearchConfig = field(default_factory=lambda: SearchConfig(first_points=600, kept=3))
     """How the code is searched for."""
+
+    def __post_init__(self) -> None:
+        """Raises ConfigError where a number is not one of its kind."""
+        checks.settings(
+            self, ConfigError, surface_points=checks.Range(1), free_points=checks.Range(1), surface_sigma=checks.POSITIVE,
+            free_sigma=checks.POSITIVE,
+        )  # fmt: skip
 
 
 def fit_view(

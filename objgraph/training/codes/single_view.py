@@ -9,11 +9,14 @@ from jaxtyping import Bool, Float
 from scipy import ndimage
 from scipy.spatial import cKDTree
 
-from objgraph.errors import PriorError
+from factors import checks
+from objgraph.errors import ConfigError, PriorError
 from objgraph.training.meshes.solid import Solid
 
 _RADIUS = 0.5
 """Of the ball that a shape of diagonal 1 lies in."""
+_ELEVATIONS = checks.Range(-89.0, 89.0)
+"""From right above or below no direction of the picture is up."""
 
 
 @dataclass(frozen=True)
@@ -28,6 +31,13 @@ class SingleViewConfig:
     """Least and greatest height of the camera above the horizon."""
     distance: tuple[float, float] = (1.5, 2.0)
     """Least and greatest distance of the camera from the box's centre."""
+
+    def __post_init__(self) -> None:
+        """Raises ConfigError where a number is not one of its kind."""
+        some = checks.Range(2)
+        checks.settings(
+            self, ConfigError, width=some, height=some, elevation=_ELEVATIONS, distance=checks.Range(_RADIUS, open=True)
+        )  # fmt: skip
 
 
 @dataclass(frozen=True)

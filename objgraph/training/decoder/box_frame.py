@@ -5,6 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
+from objgraph.training.size import LEAST_SIGMA
+
 
 @dataclass(frozen=True)
 class BoxFrame:
@@ -29,7 +31,7 @@ class BoxFrame:
         deviation = logs - np.log(typical)
         deviation -= deviation.mean(1, keepdims=True)
         # two of the three directions are free once the mean is taken out
-        return BoxFrame(typical, float(np.sqrt((deviation**2).sum(1).mean() / 2)))
+        return BoxFrame(typical, max(LEAST_SIGMA, float(np.sqrt((deviation**2).sum(1).mean() / 2))))
 
     def stretch(self, extents: Float[np.ndarray, "... 3"]) -> Float[np.ndarray, "... 3"]:
         """What canonical coordinates of a shape with these edges are divided by to be the decoder's."""

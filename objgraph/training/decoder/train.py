@@ -201,8 +201,8 @@ def train(config: TrainConfig, corpus: Corpus, progress: Progress | None = None)
 def _train(config: TrainConfig, corpus: Corpus, progress: Progress | None) -> Trained:
     points, sdf = (tensor.to(_device(config)) for tensor in _stack(corpus.training, _box(config, corpus)))
     model, optimizer = _model(config, *sdf.shape)
-    path = checkpoint_path(config)
-    step, mean = _resume(config, path, model, optimizer)
+    path, shapes = checkpoint_path(config), _digest(corpus.training)
+    step, mean = _resume(config, shapes, path, model, optimizer)
     saved = time.monotonic()
     while step < config.steps:
         rate, risen = schedule(config, step), 10 * step / config.steps
@@ -234,7 +234,7 @@ def _train(config: TrainConfig, corpus: Corpus, progress: Progress | None) -> Tr
         mean = value if step == 0 else mean + (value - mean) / min(step + 1, 500)
         step += 1
         if time.monotonic() - saved > config.checkpoint_seconds or step == config.steps:
-            _save(config, path, model, optimizer, step, mean)
+            _save(config, shapes, path, model, optimizer, step, mean)
             saved = time.monotonic()
         if progress is not None:
             progress(step, mean)
@@ -305,13 +305,23 @@ def _decoder(config: TrainConfig) -> Decoder:
         return Decoder(config.decoder)
 
 
+def _digest(shapes: tuple[SdfSamples, ...]) -> str:
+    """A hash of the shapes' names and samples, in their order."""
+    sha = hashlib.sha256()
+    for shape in shapes:
+        sha.update(shape.name.encode())
+        for array in (shape.points, shape.sdf, shape.extents):
+            sha.update(np.ascontiguousarray(array).tobytes())
+    return sha.hexdigest()[:16]
+
+
 def _resume(
-    config: TrainConfig, path: Path, model: AutoDecoder, optimizer: torch.optim.Optimizer
+    config: TrainConfig, shapes: str, path: Path, model: AutoDecoder, optimizer: torch.optim.Optimizer
 ) -> tuple[int, float]:
     if not path.is_file():
         return 0, 0.0
     tensors, state = load_tensors(path)
-    if state.get("fingerprint") != config.fingerprint() or state.get("shapes") != len(model.codes.steps):
+    if state.get("fingerprint") != config.fingerprint() or state.get("shapes") != shapes:
         raise PriorError(
             f"{path} is the checkpoint of another training (other settings or shapes): give an empty folder"
         )
@@ -322,6 +332,7 @@ def _resume(
 
 def _save(
     config: TrainConfig,
+    shapes: str,
     path: Path,
     model: AutoDecoder,
     optimizer: torch.optim.Optimizer,
@@ -330,7 +341,7 @@ def _save(
 ) -> None:
     state = {
         "fingerprint": config.fingerprint(),
-        "shapes": len(model.codes.steps),
+        "shapes": shapes,
         "step": step,
         "loss": loss,
     }

@@ -37,8 +37,8 @@ class Shape:
     """A shape to render."""
 
     name: str
-    extents: Float[np.ndarray, "3"]
-    """Edges of its box, whose diagonal is 1."""
+    extents: Float[np.ndarray, "3"] | None
+    """Edges of its box, whose diagonal is 1; None where they are those of what the prior makes of the code."""
     code: Float[np.ndarray, "l"] | None = None
     mesh: trimesh.Trimesh | None = None
     """In its own proportions; without one it is what the prior makes of the code."""
@@ -49,7 +49,7 @@ class Shape:
             assert self.code is not None
             return extract_mesh(prior.decoder, self.code, _MESH_RESOLUTION)
         box = self.extents if prior.box is None else prior.box
-        stretch = box / self.mesh.extents
+        stretch = 1.0 if box is None else box / self.mesh.extents
         return trimesh.Trimesh(self.mesh.vertices * stretch, self.mesh.faces, process=False)
 
 
@@ -228,8 +228,9 @@ def _drawn(
         mesh = shape.in_prior(prior)
     except SolveError:
         return {}
+    extents = mesh.extents / np.linalg.norm(mesh.extents) if shape.extents is None else shape.extents
     rng = np.random.default_rng([seed, number])
-    seen = [draw_seen(mesh, shape.extents, prior, config, rng) for _ in range(each)]
+    seen = [draw_seen(mesh, extents, prior, config, rng) for _ in range(each)]
     rows = [_row(one, mesh, rng) for one in seen if one is not None]
     if not rows:
         return {}

@@ -58,14 +58,15 @@ def random_shapes(
     prior: ShapePrior, count: int, seed: int, spread: float = 1.0, known: Sequence[Shape] = ()
 ) -> list[Shape]:
     """Random codes, whose deviations are `spread` times the prior's; each with the proportions of the known shape whose code is
-    nearest, or without any with those of a random object."""
+    nearest, or without any with those of a random object: the code's own where the prior has no box that shapes are stretched to."""
     rng = np.random.default_rng(seed)
     codes = prior.code_mean + spread * (prior.draw_codes(count, rng, _WITHIN) - prior.code_mean)
     if known:
         extents = _of_nearest(codes, known)
+    elif prior.box is None:
+        extents = [None] * count
     else:
-        box = np.full(3, 1 / np.sqrt(3)) if prior.box is None else prior.box
-        edges = box * np.exp(rng.normal(0, prior.anisotropy_sigma or 0.0, (count, 3)))
+        edges = prior.box * np.exp(rng.normal(0, prior.anisotropy_sigma or 0.0, (count, 3)))
         extents = edges / np.linalg.norm(edges, axis=1, keepdims=True)
     return [Shape(f"random {i}", extents[i], code=codes[i]) for i in range(count)]
 

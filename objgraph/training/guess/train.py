@@ -154,9 +154,15 @@ class GuessQuality:
 def measure_guess(
     network: FirstGuess, draws: Draws, unit: float, views: int, seed: int = 0, limit_deg: float = 20.0
 ) -> GuessQuality:
-    """Of objects with that many views."""
+    """Of objects with that many views.
+
+    Raises:
+        PriorError: there are none.
+    """
     rng = np.random.default_rng(seed)
     rows = [i for i in range(len(draws)) if draws.views[i] >= views]
+    if not rows:
+        raise PriorError(f"no object is seen in {views} views: measure the first guess with fewer")
     some = [rows[k : k + _AT_ONCE] for k in range(0, len(rows), _AT_ONCE)]
     seen = [
         _judged(network, batch(draws, part, unit, network.config, rng, first_views(views)), limit_deg)

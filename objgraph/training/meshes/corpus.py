@@ -15,8 +15,8 @@ from factors import checks
 from objgraph.atomic import write_file
 from objgraph.errors import ConfigError, PriorError
 from objgraph.families import FAMILIES, draw
-from objgraph.training.meshes.files import canonical, read_mesh
-from objgraph.training.meshes.index import HELDOUT_SHARE, CadMesh, heldout_groups, read_index
+from objgraph.training.meshes.files import MeshError, MeshTimeoutError, canonical, read_mesh
+from objgraph.training.meshes.index import HELDOUT_SHARE, CadMesh, NotListedError, heldout_groups, read_index
 from objgraph.training.meshes.joined import joined
 from objgraph.training.meshes.samples import (
     SampleConfig,
@@ -87,8 +87,8 @@ def build_corpus(
     """Sample every shape of a category, or read its samples from the cache; in `jobs` processes.
 
     Raises:
-        PriorError: the category has no family, no mesh folder lists it, one cannot be read, or the extra `train` is
-            not installed.
+        PriorError: the category has no family, no mesh folder lists it, one cannot be read, the cache cannot be written,
+            or the extra `train` is not installed.
     """
     if category not in FAMILIES and not meshes:
         raise PriorError(
@@ -140,9 +140,7 @@ def listed(folders: Sequence[Path], category: str) -> list[CadMesh]:
     for folder in folders:
         try:
             entries += read_index(folder, category)
-        except PriorError as error:
-            if not (folder / "index.json").is_file():
-                raise
+        except NotListedError as error:
             missing.append(error)
     if not entries:
         raise missing[0]
@@ -252,7 +250,7 @@ _Work = Callable[[SampleConfig, Path], list[SdfSamples]]
 def _tried(samples: SampleConfig, cache: Path, work: _Work) -> list[SdfSamples] | str:
     try:
         return work(samples, cache)
-    except PriorError as error:
+    except MeshError as error:
         return str(error)
 
 
@@ -319,10 +317,12 @@ def _cached(
         return samples
     refused = cache / f"{key}.refused"  # some take minutes to find out
     if refused.exists():
-        raise PriorError(refused.read_text())
+        raise MeshError(refused.read_text())
     try:
         samples = sample_solid(solid(), config, seed=int(key[:8], 16), measured=measured)
-    except PriorError as error:
+    except MeshTimeoutError:
+        raise  # where less else is done it may be closed in time
+    except MeshError as error:
         write_file(refused, str(error).encode(), PriorError)
         raise
     samples = replace(samples, name=name)

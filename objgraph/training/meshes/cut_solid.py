@@ -5,8 +5,8 @@ from functools import lru_cache
 import numpy as np
 import trimesh
 
-from objgraph.errors import PriorError
 from objgraph.geometry.meshes import signed_volume
+from objgraph.training.meshes.files import MeshError
 from objgraph.training.meshes.solid import Shell, Solid, SolidDistance
 
 
@@ -15,7 +15,7 @@ def half_of(solid: Solid, height: float, upper: bool) -> Solid:
     """What is above (below) a height, closed parts closed again; remembered for every solid.
 
     Raises:
-        PriorError: a closed part cannot be cut; the message names the solid.
+        MeshError: a closed part cannot be cut; the message names the solid.
     """
     closed = [_trimmed(mesh, height, upper, solid.name) for mesh in solid.closed]
     shells = [_trimmed_shell(shell, height, upper, solid.name) for shell in solid.shells]
@@ -32,7 +32,7 @@ def _trimmed(mesh: trimesh.Trimesh, height: float, upper: bool, name: str) -> tr
     """A closed mesh's half, capped; None where nothing is left.
 
     Raises:
-        PriorError: the mesh's edges do not each join two faces.
+        MeshError: the mesh's edges do not each join two faces.
     """
     import manifold3d
 
@@ -52,7 +52,7 @@ def _trimmed(mesh: trimesh.Trimesh, height: float, upper: bool, name: str) -> tr
         )
     )
     if body.status() != manifold3d.Error.NoError:
-        raise PriorError(f"{name} cannot be cut: {body.status().name}")
+        raise MeshError(f"{name} cannot be cut: {body.status().name}")
     half = body.trim_by_plane((0.0, side, 0.0), side * height)
     if half.is_empty():
         return None

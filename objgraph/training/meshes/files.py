@@ -8,6 +8,15 @@ import trimesh
 from objgraph.errors import PriorError
 from objgraph.geometry.mesh_data import parse_mesh
 
+
+class MeshError(PriorError):
+    """A mesh that cannot be read or is no solid: it is left out, and nothing else is wrong."""
+
+
+class MeshTimeoutError(MeshError):
+    """One that would not be closed in time, on this machine and with what else it did."""
+
+
 SUFFIXES = (".ply", ".obj", ".stl", ".off", ".glb")
 """Formats that a folder is searched for."""
 
@@ -26,12 +35,12 @@ def read_mesh(path: Path) -> trimesh.Trimesh:
     """A file's mesh as it is.
 
     Raises:
-        PriorError: the file cannot be read as a mesh, or holds no faces.
+        MeshError: the file cannot be read as a mesh, or holds no faces.
     """
     try:
         return parse_mesh(path.read_bytes(), path.suffix.lower().removeprefix("."))
     except (OSError, ValueError) as error:
-        raise PriorError(f"{path} cannot be read as a mesh: {error}") from error
+        raise MeshError(f"{path} cannot be read as a mesh: {error}") from error
 
 
 def canonical(mesh: trimesh.Trimesh, name: str) -> trimesh.Trimesh:
@@ -40,14 +49,14 @@ def canonical(mesh: trimesh.Trimesh, name: str) -> trimesh.Trimesh:
     Its axes are taken to be the canonical ones: y up, front at -z.
 
     Raises:
-        PriorError: a vertex is not finite, or the mesh has no extent.
+        MeshError: a vertex is not finite, or the mesh has no extent.
     """
     vertices, faces = np.asarray(mesh.vertices, float), np.asarray(mesh.faces)
     used = vertices[np.unique(faces)]
     low, high = used.min(axis=0), used.max(axis=0)
     diagonal = float(np.linalg.norm(high - low))
     if not (np.isfinite(used).all() and diagonal > 0):
-        raise PriorError(f"{name} has vertices that are not finite, or no extent")
+        raise MeshError(f"{name} has vertices that are not finite, or no extent")
     mesh = trimesh.Trimesh((vertices - (low + high) / 2) / diagonal, faces, process=False)
     if not mesh.is_watertight:
         # STL and textured files repeat vertices along seams

@@ -7,10 +7,10 @@ from pathlib import Path
 from typing import Any, Literal
 
 from objgraph.atomic import write_file
-from objgraph.errors import EvaluationError, PriorError
+from objgraph.errors import EvaluationError
 from objgraph.priors.shape_prior import ShapePrior
 from objgraph.training.meshes.files import SUFFIXES, list_meshes
-from objgraph.training.meshes.index import read_index
+from objgraph.training.meshes.index import NotListedError, read_index
 from objgraph.training.meshes.solid import require_libraries
 
 Choice = Literal["heldout", "all", "default"]
@@ -32,8 +32,8 @@ def choose_meshes(
 ) -> ChosenMeshes:
     """All meshes of folders, or what each's `index.json` lists for the category, or what the prior has not seen of that.
 
-    By default those that the prior's card names as held out, where an index has any of them; else all. One that lists none of
-    the category is passed over, if another does.
+    By default those that the prior's card names as held out, where a folder has any of them; else all. An index that lists none
+    of the category is passed over, if another folder has some.
 
     Raises:
         EvaluationError: there is no such folder, it has no mesh, nothing is held out though asked for, or two folders of one
@@ -47,9 +47,7 @@ def choose_meshes(
     for folder in folders:
         try:
             parts.append(_of_folder(folder, category, prior, choice))
-        except PriorError as error:
-            if len(folders) == 1:
-                raise
+        except NotListedError as error:
             missing.append(error)
     if not parts:
         raise missing[0]
@@ -69,29 +67,38 @@ def _of_folder(
     """The folder, its meshes, and in words which they are."""
     if not folder.is_dir():
         raise EvaluationError(f"{folder} is no folder: give one that holds meshes ({', '.join(SUFFIXES)})")
-    if not (folder / "index.json").is_file():
+    if (index := folder / "index.json").is_file():
+        place, every = str(index), f"every {category} of index.json"
+        names = [entry.file for entry in read_index(folder, category)]
+    else:
+        place = f"{folder}, which has no index.json,"
+        every = "every mesh file in the folder, or in its subfolder of that name"
         names = list_meshes(folder, category)
-        if not names:
-            raise EvaluationError(f"{folder} holds no mesh ({', '.join(SUFFIXES)}), nor an index.json")
-        if choice == "heldout":
-            raise EvaluationError(f"{folder} has no index.json that would tell which meshes are held out")
-        return folder, tuple(names), "every mesh file in the folder, or in its subfolder of that name"
-    listed = [entry.file for entry in read_index(folder, category)]
+    if not names:
+        raise EvaluationError(f"{folder} holds no mesh ({', '.join(SUFFIXES)}), nor an index.json")
     held = _held_out(prior.card)
-    unseen = tuple(name for name in listed if name in held)
+    unseen = tuple(name for name in names if name in held)
     if choice == "heldout" and not unseen:
         raise EvaluationError(
-            f"{folder / 'index.json'} lists no {category} that the prior's card names as held out: "
+            f"{place} lists no {category} that the prior's card names as held out: "
             f"give --all, or the prior that was trained on this folder"
         )
     if choice == "all" or not unseen:
-        return folder, tuple(listed), f"every {category} of index.json"
-    return folder, unseen, f"the {category} meshes of index.json that training held out"
+        return folder, tuple(names), every
+    return folder, unseen, f"the {category} meshes that training held out"
 
 
 def _held_out(card: dict[str, Any]) -> set[str]:
     heldout = card.get("heldout")
     return set(heldout.get("collected", ())) if isinstance(heldout, dict) else set()
+
+
+def trained_on(card: dict[str, Any]) -> set[str]:
+    """The meshes that a prior's card names as those it was trained on; none where it names none."""
+    try:
+        return {name for entry in card["data"]["collected"] for name in entry["files"]}
+    except (KeyError, TypeError):
+        return set()
 
 
 def write_json(document: dict[str, Any], path: Path) -> None:

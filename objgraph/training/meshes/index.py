@@ -14,6 +14,10 @@ HELDOUT_SHARE = 0.2
 """Of every source's meshes, for evaluation alone."""
 
 
+class NotListedError(PriorError):
+    """An index is whole and lists no mesh of the category."""
+
+
 @dataclass(frozen=True)
 class CadMesh:
     """A collected mesh's entry in `index.json`."""
@@ -32,7 +36,7 @@ class CadMesh:
     kind: str = ""
     """Of a generator's meshes, which of its factories made them."""
     split: str = "train"
-    """What the index itself says; "train" leaves it to `heldout_groups`."""
+    """What the index itself says: the group of all but "train" is held out, that of "train" as `heldout_groups` draws."""
 
     @property
     def path(self) -> Path:
@@ -43,7 +47,8 @@ def read_index(folder: Path, category: str) -> list[CadMesh]:
     """The entries of a category in a folder's `index.json`; without one, all its mesh files, of unknown licences.
 
     Raises:
-        PriorError: it is damaged or has no mesh of the category, or the folder has no mesh; the message names it.
+        NotListedError: it has no mesh of the category.
+        PriorError: it is damaged, or the folder has no mesh; the message names it.
     """
     path = folder / "index.json"
     if not path.exists():
@@ -56,7 +61,7 @@ def read_index(folder: Path, category: str) -> list[CadMesh]:
     except (ValueError, KeyError, TypeError) as error:
         raise PriorError(f"{path} is no mesh index: {error!r}") from error
     if not meshes:
-        raise PriorError(f"{path} has no mesh of category {category!r}")
+        raise NotListedError(f"{path} has no mesh of category {category!r}")
     return meshes
 
 
@@ -101,23 +106,25 @@ def _unlisted(folder: Path, category: str) -> list[CadMesh]:
 
 
 def heldout_groups(meshes: Sequence[CadMesh], share: float) -> set[str]:
-    """Groups held out: of every source and kind, in an order that only the names decide, at least the share of its meshes.
+    """Groups held out: those that the index says, and of every source and kind, in an order that only the names decide, as many
+    more as make at least the share of its meshes.
 
     Sources of one group each are drawn from together.
     """
+    said = {mesh.group for mesh in meshes if mesh.split != "train"}
     sources: dict[tuple[str, str], dict[str, int]] = {}
     for mesh in meshes:
         counts = sources.setdefault((mesh.source, mesh.kind), {})
         counts[mesh.group] = counts.get(mesh.group, 0) + 1
     pools = [counts for counts in sources.values() if len(counts) > 1]
     pools.append({group: n for counts in sources.values() if len(counts) == 1 for group, n in counts.items()})
-    return {group for counts in pools for group in _drawn(counts, share)}
+    return {group for counts in pools for group in _drawn(counts, share, said)}
 
 
-def _drawn(counts: dict[str, int], share: float) -> list[str]:
-    """The groups of one source that are held out."""
-    chosen: list[str] = []
-    for group in sorted(counts, key=lambda group: hashlib.sha256(group.encode()).hexdigest()):
+def _drawn(counts: dict[str, int], share: float, said: set[str]) -> list[str]:
+    """The groups of one source that are held out, those that are said to be first."""
+    chosen = [group for group in counts if group in said]
+    for group in sorted(counts.keys() - said, key=lambda group: hashlib.sha256(group.encode()).hexdigest()):
         if sum(counts[g] for g in chosen) >= share * sum(counts.values()):
             break
         chosen.append(group)

@@ -15,6 +15,7 @@ from safetensors.numpy import load_file, save
 from factors import checks
 from objgraph.atomic import write_file
 from objgraph.errors import ConfigError, PriorError
+from objgraph.training.meshes.files import MeshError
 from objgraph.training.meshes.solid import SHEET_HALF_THICKNESS, Solid, SolidDistance
 
 log = logging.getLogger(__name__)
@@ -72,7 +73,7 @@ def sample_solid(solid: Solid, config: SampleConfig, seed: int, measured: bool =
     """Draw the samples of a solid; `measured` adds points uniform on its surface.
 
     Raises:
-        PriorError: a distance is not finite, or nothing at all is inside; the message names the solid.
+        MeshError: a distance is not finite, or nothing at all is inside; the message names the solid.
     """
     rng = np.random.default_rng(seed)
     distance = SolidDistance(solid)
@@ -87,9 +88,9 @@ def sample_solid(solid: Solid, config: SampleConfig, seed: int, measured: bool =
     )
     sdf = distance(points)
     if not np.isfinite(sdf).all():
-        raise PriorError(f"mesh {solid.name}: {np.sum(~np.isfinite(sdf))} signed distances are not finite")
+        raise MeshError(f"mesh {solid.name}: {np.sum(~np.isfinite(sdf))} signed distances are not finite")
     if not (sdf < 0).any():
-        raise PriorError(f"mesh {solid.name}: no sample is inside, its surface is not closed")
+        raise MeshError(f"mesh {solid.name}: no sample is inside, its surface is not closed")
     on_it = surface_points(solid, distance, SURFACE_POINTS, rng, area_power=1.0) if measured else None
     return SdfSamples(
         solid.name, points, sdf, solid.extents, None if on_it is None else on_it.astype(np.float32)
@@ -111,7 +112,7 @@ def surface_points(
     points = np.concatenate(drawn)
     points = points[distance(points) > -SHEET_HALF_THICKNESS - 1e-4]
     if len(points) == 0:
-        raise PriorError(f"mesh {solid.name}: none of its surface is on the outside")
+        raise MeshError(f"mesh {solid.name}: none of its surface is on the outside")
     return points[rng.choice(len(points), count, replace=len(points) < count)]
 
 

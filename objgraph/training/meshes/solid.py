@@ -18,6 +18,7 @@ from jaxtyping import Bool, Float
 
 from objgraph.errors import PriorError
 from objgraph.geometry.meshes import signed_volume
+from objgraph.training.meshes.files import MeshError, MeshTimeoutError
 
 SHEET_HALF_THICKNESS = 0.003
 """Half the thickness given to single sheets, in canonical units: some 3 mm on a chair."""
@@ -161,10 +162,12 @@ def solidify(mesh: trimesh.Trimesh, name: str) -> Solid:
     """The solid that a mesh, closed or not, stands for; holes of three or four edges are filled first.
 
     Raises:
-        PriorError: it is empty or not finite, or its sign of distance is not sane; the message names it.
+        MeshError: it is empty, not finite or without area, or its sign of distance is not sane; the message names it.
     """
     if len(mesh.faces) == 0 or not np.isfinite(mesh.vertices).all():
-        raise PriorError(f"mesh {name} is empty or has vertices that are not finite: leave it out")
+        raise MeshError(f"mesh {name} is empty or has vertices that are not finite: leave it out")
+    if not mesh.area > 0:
+        raise MeshError(f"mesh {name} has no area: leave it out")
     components = mesh.split(only_watertight=False, repair=True)
     closed = [part for part in components if part.is_watertight and abs(signed_volume(part)) > 1e-9]
     if len(closed) > _MAX_CLOSED_COMPONENTS:
@@ -177,12 +180,12 @@ def solidify(mesh: trimesh.Trimesh, name: str) -> Solid:
 
 
 def check_sign(solid: Solid, points: int = 1000, seed: int = 0) -> None:
-    """Raise a PriorError unless the outside of the box is positive and the two sides of most surface differ."""
+    """Raise a MeshError unless the outside of the box is positive and the two sides of most surface differ."""
     distance = SolidDistance(solid)
     rng = np.random.default_rng(seed)
     corners = np.array(np.meshgrid(*[[-0.6, 0.6]] * 3)).reshape(3, -1).T
     if (distance(corners) <= 0).any():
-        raise PriorError(
+        raise MeshError(
             f"mesh {solid.name} cannot be closed: points outside its box have a negative distance"
         )
     inside, outside = [], []
@@ -196,7 +199,7 @@ def check_sign(solid: Solid, points: int = 1000, seed: int = 0) -> None:
         return
     wrong = np.mean((np.concatenate(inside) > 2e-4) & (np.concatenate(outside) > 2e-4))
     if wrong > 0.2:
-        raise PriorError(f"mesh {solid.name} cannot be closed: {wrong:.0%} of its surface has no inside")
+        raise MeshError(f"mesh {solid.name} cannot be closed: {wrong:.0%} of its surface has no inside")
 
 
 def _close(parts: list[trimesh.Trimesh], name: str) -> tuple[tuple[Shell, ...], tuple[trimesh.Trimesh, ...]]:
@@ -242,11 +245,11 @@ def _watertight(mesh: trimesh.Trimesh, name: str) -> trimesh.Trimesh:
         try:
             vertices, faces = pool.apply_async(_manifold, arguments).get(_WATERTIGHT_SECONDS)
         except multiprocessing.TimeoutError as error:
-            raise PriorError(
+            raise MeshTimeoutError(
                 f"mesh {name} cannot be closed: no surface within {_WATERTIGHT_SECONDS} s"
             ) from error
     if len(faces) == 0 or not np.isfinite(vertices).all():
-        raise PriorError(f"mesh {name} cannot be closed: no watertight surface came out")
+        raise MeshError(f"mesh {name} cannot be closed: no watertight surface came out")
     return trimesh.Trimesh(vertices, faces, process=False)
 
 

@@ -12,6 +12,7 @@ from scipy import ndimage
 
 from objgraph.errors import PriorError
 from objgraph.training.meshes.cut_solid import half_of
+from objgraph.training.meshes.files import MeshError
 from objgraph.training.meshes.solid import Shell, Solid, SolidDistance, check_sign
 
 PITCH = 1 / 72
@@ -61,20 +62,21 @@ def swap(top: Solid, base: Solid, category: str, rng: Generator) -> Solid:
     used: whoever trains on the result passes training solids only.
 
     Raises:
-        PriorError: the category has no cut, or the halves do not fit; the message says why.
+        MeshError: a solid has no cut, or the halves do not fit; the message says why.
+        PriorError: the category has no parts to swap.
     """
     above, below = find_cut(top, category), find_cut(base, category)
     name = f"{top.name}+{base.name}"
     for solid, cut, half in ((top, above, 0), (base, below, 1)):
         if cut.loose[half] > _LOOSE_SHARE:
-            raise PriorError(
+            raise MeshError(
                 f"{name}: {cut.loose[half]:.0%} of that half of {solid.name} would hang in the air"
             )
     placed = _placement(name, above, below, rng)
     upper = half_of(top, above.height, True)
     lower = _mapped(half_of(base, below.height, False), placed)
     if not upper.surfaces or not lower.surfaces:
-        raise PriorError(f"{name}: nothing is left of one of the halves")
+        raise MeshError(f"{name}: nothing is left of one of the halves")
     both = Solid(
         name, upper.closed + lower.closed, upper.shells + lower.shells, upper.sheets + lower.sheets
     ).warped(lambda points: points)
@@ -87,7 +89,8 @@ def find_cut(solid: Solid, category: str) -> Cut:
     """The underside of the largest horizontal plate of a chair or table.
 
     Raises:
-        PriorError: there is none, or the category has no such plate.
+        MeshError: there is none.
+        PriorError: the category has no such plate.
     """
     if category not in _SEAT_RANGE:
         raise PriorError(f"part swaps know {', '.join(_SEAT_RANGE)}, not {category!r}")
@@ -107,7 +110,7 @@ def find_cut(solid: Solid, category: str) -> Cut:
     first, last = _SEAT_RANGE[category]
     inner = (share >= first) & (share <= last)
     if not inner.any() or area[inner].max() < 0.15 * len(x) * len(z):
-        raise PriorError(f"{solid.name} has no seat or top to cut it under")
+        raise MeshError(f"{solid.name} has no seat or top to cut it under")
     widest = area[inner].max()
     peak = int(np.flatnonzero(inner & (area >= 0.85 * widest))[-1])
     under = _underside(peak, y, area, _THICKEST[category] * (high[1] - low[1]), sections)
@@ -160,18 +163,18 @@ def _placement(name: str, above: Cut, below: Cut, rng: Generator) -> Callable[[P
     """The map of the base under the top.
 
     Raises:
-        PriorError: it would be too distorted, or its legs miss the slab.
+        MeshError: it would be too distorted, or its legs miss the slab.
     """
     scale = (above.high - above.low) / (below.high - below.low)
     feet = np.argwhere(below.feet)
     if len(feet) == 0:
-        raise PriorError(f"{name}: nothing is under the slab of the base")
+        raise MeshError(f"{name}: nothing is under the slab of the base")
     if (np.ptp(feet, axis=0) * PITCH < 0.5 * (below.high - below.low)).all():
         # a column and its foot stay round
         scale = np.full(2, np.sqrt(scale.prod()))
     ratio = max(scale[0] / scale[1], scale[1] / scale[0])
     if scale.max() > _STRETCH or scale.min() < 1 / _STRETCH or ratio > _ANISOTROPY:
-        raise PriorError(f"{name}: the base would be scaled by {scale[0]:.2f} and {scale[1]:.2f}")
+        raise MeshError(f"{name}: the base would be scaled by {scale[0]:.2f} and {scale[1]:.2f}")
     shrink, share = _contact(name, above, below, scale)
     scale = scale * shrink
     lift = share * above.slab
@@ -201,7 +204,7 @@ def _contact(name: str, above: Cut, below: Cut, scale: Float[np.ndarray, "2"]) -
             met[within] = plate[tuple(index[within].T)]
             if (np.bincount(leg, met, count) >= 0.85 * np.bincount(leg, minlength=count)).all():
                 return float(shrink), float(share)
-    raise PriorError(f"{name}: legs of the base would miss the slab")
+    raise MeshError(f"{name}: legs of the base would miss the slab")
 
 
 def _mapped(solid: Solid, move: Callable[[Points], Points]) -> Solid:

@@ -10,8 +10,9 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float
 
-from objgraph.errors import ObjectGraphError
-from objgraph.priors.mesh import mesh_of_grid, sdf_grid
+from factors import checks
+from objgraph.errors import ConfigError, ObjectGraphError
+from objgraph.priors.mesh import RESOLUTIONS, mesh_of_grid, sdf_grid
 from objgraph.priors.shape_prior import ShapePrior
 from objgraph.training.codes.partial import PartialConfig, fit_view
 from objgraph.training.codes.search import SearchConfig, sample_rows, search
@@ -47,6 +48,10 @@ class PriorEvaluationConfig:
     """The fit to one view."""
     view: SingleViewConfig = field(default_factory=SingleViewConfig)
     """The one view."""
+
+    def __post_init__(self) -> None:
+        """Raises ConfigError where a number is not one of its kind."""
+        checks.settings(self, ConfigError, resolution=RESOLUTIONS, bound=checks.POSITIVE)
 
 
 @dataclass(frozen=True)

@@ -24,7 +24,7 @@ from objgraph.priors.first_guess import FirstGuess, FirstGuessConfig
 from objgraph.priors.registry import WEIGHTS, available_priors, load_prior
 from objgraph.priors.shape_prior import ShapePrior
 from objgraph.priors.store import digest, save_prior
-from objgraph.training.size import USUAL, size_statistics
+from objgraph.training.size import LEAST_SIGMA, USUAL, size_statistics
 
 
 @pytest.fixture
@@ -103,7 +103,8 @@ def test_bad_file_is_named(prior: ShapePrior, tmp_path: Path, damage: str) -> No
 
 def test_wrong_code_length(prior: ShapePrior, tmp_path: Path) -> None:
     path = tmp_path / "lamp.safetensors"
-    save_prior(replace(prior, code_mean=np.zeros(5)), path)
+    save_prior(prior, path)
+    rewrite(path, lambda tensors, header: tensors.update(code_mean=torch.zeros(5)))
     with pytest.raises(PriorError, match="do not fit a decoder of 3-dimensional codes"):
         load_prior(path)
     with pytest.raises(FactorError, match="do not fit this decoder"):
@@ -186,7 +187,9 @@ def test_the_kinds_of_shapes_are_kept_and_codes_are_drawn_of_them(prior: ShapePr
     rewrite(path, lambda tensors, header: tensors.update({"kinds.mean": torch.zeros(2, 5)}))
     with pytest.raises(PriorError, match=r"lamp\.safetensors is no usable shape prior: a mixture of"):
         load_prior(path)
-    save_prior(replace(prior, kinds=CodeMixture(np.ones(1), np.zeros((1, 5)), np.ones((1, 5)))), path)
+    save_prior(replace(prior, kinds=kinds), path)
+    longer = {f"kinds.{name}": torch.zeros(2, 5) for name in ("mean", "log_variance")}
+    rewrite(path, lambda tensors, header: tensors.update(longer))
     with pytest.raises(PriorError, match="mixture is of codes of another length than its decoder's 3"):
         load_prior(path)
     save_prior(replace(prior, kinds=kinds), path)
@@ -211,9 +214,41 @@ def test_a_loaded_prior_stays_when_its_file_is_written_over(prior: ShapePrior, t
 
 def test_not_finite_weights(prior: ShapePrior, tmp_path: Path) -> None:
     path = tmp_path / "lamp.safetensors"
-    save_prior(replace(prior, residual_sigma=float("nan")), path)
+    save_prior(prior, path)
+    rewrite(path, lambda tensors, header: header.update(residual_sigma=float("nan")))
     with pytest.raises(PriorError, match="not finite"):
         load_prior(path)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"size_log_sigma": 0.0}, "not positive"),
+        ({"anisotropy_sigma": 0.0}, "not positive"),
+        ({"residual_sigma": float("nan")}, "not finite"),
+        ({"code_mean": np.zeros(5)}, "do not fit a decoder of 3-dimensional codes"),
+        ({"code_mean": np.full(3, np.inf)}, "not finite"),
+        ({"box": np.array([0.5, 0.0, 0.7])}, "not three positive edges"),
+        ({"kinds": CodeMixture(np.ones(1), np.zeros((1, 5)), np.ones((1, 5)))}, "mixture is of codes of another"),
+        ({"card": {"data": {1, 2}}}, "no usable shape prior"),
+    ],
+)  # fmt: skip
+def test_what_could_not_be_loaded_is_not_saved(prior: ShapePrior, tmp_path: Path, change, words: str) -> None:
+    path = tmp_path / "lamp.safetensors"
+    save_prior(prior, path)
+    before = path.read_bytes()
+    with pytest.raises(PriorError, match=words) as caught:
+        save_prior(replace(prior, **change), path)
+    assert str(path) in str(caught.value)
+    assert path.read_bytes() == before
+
+
+def test_saving_leaves_the_global_generator_alone(prior: ShapePrior, tmp_path: Path) -> None:
+    torch.manual_seed(3)
+    expected = torch.rand(2)
+    torch.manual_seed(3)
+    save_prior(prior, tmp_path / "lamp.safetensors")
+    assert_array_equal(torch.rand(2).numpy(), expected.numpy())
 
 
 @pytest.mark.parametrize(
@@ -312,5 +347,7 @@ def test_size_statistics() -> None:
     mean, sigma, _ = size_statistics("lamp", many + few, ["generator"] * 500 + ["shop"] * 10)
     assert (mean, sigma) == pytest.approx((np.sqrt(2), np.log(2) / 2))
     assert size_statistics("lamp", [])[1] >= 0.5
+    # meshes of one and the same size do not make the next lamp's known
+    assert size_statistics("lamp", [(0.3, 0.3, 1.5)] * 4)[1] == LEAST_SIGMA
     # a model car of half a metre says nothing about cars
     assert size_statistics("car", [(0.2, 0.2, 0.4)])[:2] == pytest.approx(USUAL["car"])

@@ -2,6 +2,7 @@
 
 import json
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,9 +13,11 @@ from hypothesis import strategies as st
 from numpy.testing import assert_array_equal
 
 from objgraph.errors import PriorError
-from objgraph.training.meshes.corpus import CorpusConfig, build_corpus
+from objgraph.training.meshes.corpus import CorpusConfig, build_corpus, listed
+from objgraph.training.meshes.files import MeshError, MeshTimeoutError
 from objgraph.training.meshes.index import CadMesh, heldout_groups, read_index
 from objgraph.training.meshes.samples import SampleConfig
+from objgraph.training.meshes.solid import Solid
 
 
 def collected(sources: dict[str, list[str]]) -> list[CadMesh]:
@@ -45,6 +48,56 @@ def test_every_source_holds_out_its_share_by_whole_groups(
         if len({entry.group for entry in own}) > 1:
             assert sum(entry.group in held for entry in own) >= share * len(own)
     assert heldout_groups(entries, 0.0) == set()
+
+
+def test_what_an_index_holds_out_is_held_out_with_its_group_and_fills_the_share() -> None:
+    entries = collected({"shop": list("aabbccddee")})
+    drawn = heldout_groups(entries, 0.2)
+    said = entries[0].group
+    marked = [replace(entries[0], split="test"), *entries[1:]]
+    assert said not in drawn
+    assert heldout_groups(marked, 0.2) == {said}
+    assert heldout_groups(marked, 0.0) == {said}
+    assert heldout_groups(marked, 0.3) == {said} | drawn
+
+
+def test_a_damaged_index_is_not_passed_over(meshes: Path, tmp_path: Path) -> None:
+    other = tmp_path / "other"
+    other.mkdir()
+    index = (meshes / "index.json").read_text()
+    (other / "index.json").write_text(index.replace('"table"', '"lamp"'))
+    assert listed([other, meshes], "table") == read_index(meshes, "table")
+    with pytest.raises(PriorError, match="no mesh of category 'car'"):
+        listed([other, meshes], "car")
+    (other / "index.json").write_text(index[:100])
+    with pytest.raises(PriorError, match=f"{other}.* is no mesh index"):
+        listed([meshes, other], "table")
+
+
+ONE = CorpusConfig(procedural=0, swaps=0, copies=0, heldout_share=0.0)
+
+
+def test_a_cache_that_cannot_be_written_leaves_no_mesh_out(meshes: Path, tmp_path: Path) -> None:
+    (tmp_path / "cache").write_text("no folder")
+    with pytest.raises(PriorError, match=r"cache.* cannot be written"):
+        build_corpus("table", [meshes], ONE, SampleConfig(count=100), tmp_path / "cache")
+
+
+def test_only_what_is_no_solid_is_refused_for_ever(
+    meshes: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def used() -> set[str]:
+        corpus = build_corpus("table", [meshes], ONE, SampleConfig(count=100), tmp_path / "cache")
+        return {entry.file for entry in corpus.used}
+
+    def refuse(solid: Solid, *_, **__) -> None:
+        raise (MeshError if solid.name == "t0.ply" else MeshTimeoutError)(solid.name)
+
+    monkeypatch.setattr("objgraph.training.meshes.corpus.joined", lambda solid: solid)
+    with monkeypatch.context() as patch:
+        patch.setattr("objgraph.training.meshes.corpus.sample_solid", refuse)
+        assert used() == set()
+    assert used() == {"t1.ply", "t2.ply", "t3.ply"}
 
 
 def test_validation_never_sees_what_is_held_out(meshes: Path, tmp_path: Path) -> None:

@@ -238,6 +238,22 @@ def test_several_folders(folder, tmp_path):
         choose_meshes([folder, other], "car", box_prior())
 
 
+def test_a_damaged_index_is_not_passed_over(folder, tmp_path):
+    other = tmp_path / "other"
+    other.mkdir()
+    (other / "index.json").write_text("{")
+    with pytest.raises(PriorError, match=r"other/index\.json is no mesh index"):
+        choose_meshes([folder, other], "chair", box_prior())
+
+
+def test_without_an_index_the_card_still_tells(folder):
+    trained = box_prior(heldout={"collected": ["box.ply", "elsewhere.ply"]})
+    for choice in ("default", "heldout"):
+        chosen = choose_meshes([folder], "chair", trained, choice)
+        assert (chosen.names, chosen.chosen) == (("box.ply",), "the chair meshes that training held out")
+    assert len(choose_meshes([folder], "chair", trained, "all").names) == 3
+
+
 def test_a_folder_without_index_cannot_tell_what_is_held_out(folder):
     with pytest.raises(EvaluationError, match=r"no index\.json"):
         choose_meshes([folder], "chair", box_prior(), "heldout")
@@ -250,6 +266,8 @@ def test_a_folder_without_index_cannot_tell_what_is_held_out(folder):
         (["--meshes", "{}/absent"], "{}/absent is no folder"),
         (["--meshes", "{}", "--heldout", "--all"], "exclude each other"),
         (["--meshes", "{}", "--jobs", "0"], "--jobs must be at least 1"),
+        (["--meshes", "{}", "--resolution", "0"], "resolution must be at least 1"),
+        (["--meshes", "{}", "--seed", "-1"], "seed must be at least 0"),
         (["--meshes", "{}", "--prior", "{}/absent.safetensors"], "absent.safetensors"),
     ],
 )
@@ -268,3 +286,28 @@ def test_what_cannot_be_evaluated_is_one_line_and_no_file(arguments, message, tm
 def test_no_folder_of_meshes_is_said_so():
     with pytest.raises(EvaluationError, match="no folder of meshes is given"):
         choose_meshes([], "chair", box_prior())
+
+
+def test_when_every_mesh_fails_it_is_written_so(tmp_path):
+    (tmp_path / "bad.obj").write_text("no mesh at all\n")
+    out = tmp_path / "found.json"
+    assert main(["evaluate-prior", "--category", "bed", "--meshes", str(tmp_path), "--json", str(out)]) == 0
+    found = json.loads(out.read_text())
+    assert (found["n"], found["failed"]) == (1, 1)
+    assert "first_guess" not in found
+
+
+def test_a_first_guess_that_cannot_be_measured_costs_no_fit(tmp_path, monkeypatch, caplog):
+    def fitted(prior, meshes, *_):
+        return [ShapeRow(name, chamfer=0.01) for name in meshes.names]
+
+    def break_down(*_, **__):
+        raise ZeroDivisionError("halves of nothing")
+
+    (tmp_path / "a.obj").write_text("a mesh\n")
+    monkeypatch.setattr("objgraph.cli.evaluate_prior.evaluate_meshes", fitted)
+    monkeypatch.setattr("objgraph.cli.evaluate_prior.guess_quality", break_down)
+    out = tmp_path / "found.json"
+    assert main(["evaluate-prior", "--category", "bed", "--meshes", str(tmp_path), "--json", str(out)]) == 0
+    assert json.loads(out.read_text())["median_chamfer"] == 0.01
+    assert "the first guess is not measured: halves of nothing" in caplog.text

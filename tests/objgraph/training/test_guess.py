@@ -83,6 +83,7 @@ def test_by_which_turns_a_shape_looks_the_same() -> None:
 def test_what_is_seen_lies_on_the_object_or_outside_of_it() -> None:
     shape = shapes()[0]
     assert shape.mesh is not None
+    assert shape.extents is not None
     seen = None
     rng = np.random.default_rng(3)
     while seen is None:
@@ -224,8 +225,10 @@ def test_a_prior_gets_a_guess_and_its_card_says_what_it_is_worth(tmp_path: Path)
 
 def test_a_prior_whose_shapes_are_not_at_hand_gets_a_guess_from_random_codes(tmp_path: Path) -> None:
     save_prior(toy_prior(), tmp_path / "toy.safetensors")
-    made = random_shapes(toy_prior(), 5, seed=0)
-    assert_allclose([np.linalg.norm(shape.extents) for shape in made], 1.0)
+    boxed = replace(toy_prior(), box=np.array([0.5, 0.7, 0.5]), anisotropy_sigma=0.1)
+    edges = np.array([shape.extents for shape in random_shapes(boxed, 5, seed=0)])
+    assert_allclose(np.linalg.norm(edges, axis=1), 1.0)
+    assert len(np.unique(edges[:, 0])) == 5
     command = GuessCommand(
         str(tmp_path / "toy.safetensors"), tmp_path / "out.safetensors", work=tmp_path / "work",
         guess=replace(CONFIG, scenes=8, steps=5),
@@ -239,13 +242,15 @@ def test_a_prior_whose_shapes_are_not_at_hand_gets_a_guess_from_random_codes(tmp
 
 def test_a_guess_learns_from_the_meshes_that_its_prior_has_seen(meshes: Path, tmp_path: Path) -> None:
     """Not from those held out, of which the card tells; a broken one is left out, and codes are looked for once."""
-    held = {"heldout": {"collected": ["t2.ply"]}}
-    prior = replace(toy_prior(), category="table", card=held)
+    files = [f"t{i}.ply" for i in (0, 1, 3, 4)]
+    card = {"heldout": {"collected": ["t2.ply"]}, "data": {"collected": [{"files": files}]}}
+    prior = replace(toy_prior(), category="table", card=card)
     seen = [entry for entry in read_index(meshes, "table") if entry.file != "t2.ply"]
     known = known_shapes(prior, seen, tmp_path / "work")
     assert [shape.name for shape in known] == ["t0.ply", "t1.ply", "t3.ply"]
     for shape, width in zip(known, (0.6, 0.65, 0.75), strict=True):
         edges = np.array([width, 0.3, 0.5])
+        assert shape.extents is not None
         assert_allclose(shape.extents, edges / np.linalg.norm(edges), atol=1e-3)
         assert shape.code is not None
         assert shape.code.shape == (TOY_CODE,)
@@ -264,18 +269,22 @@ def test_a_guess_learns_from_the_meshes_that_its_prior_has_seen(meshes: Path, tm
 
 
 def test_random_codes_take_the_proportions_of_the_known_shape_that_is_nearest() -> None:
-    flat = Shape("flat", np.array([0.9, 0.1, 0.42]), code=np.full(TOY_CODE, 5.0))
-    tall = Shape("tall", np.array([0.1, 0.9, 0.42]), code=np.full(TOY_CODE, -5.0))
-    drawn = random_shapes(toy_prior(), 40, seed=0, known=[flat, tall])
+    wide, high = np.array([0.9, 0.1, 0.42]), np.array([0.1, 0.9, 0.42])
+    flat = Shape("flat", wide, code=np.full(TOY_CODE, 5.0))
+    tall = Shape("tall", high, code=np.full(TOY_CODE, -5.0))
+    drawn, found = random_shapes(toy_prior(), 40, seed=0, known=[flat, tall]), set()
     for shape in drawn:
         assert shape.code is not None
-        assert_allclose(shape.extents, (flat if shape.code.sum() > 0 else tall).extents)
-    assert {shape.extents[1] for shape in drawn} == {0.1, 0.9}
+        assert shape.extents is not None
+        assert_allclose(shape.extents, wide if shape.code.sum() > 0 else high)
+        found.add(shape.extents[1])
+    assert found == {0.1, 0.9}
 
 
 def test_what_need_not_stand_is_seen_above_the_floor() -> None:
     shape, rng = shapes()[0], np.random.default_rng(1)
     assert shape.mesh is not None
+    assert shape.extents is not None
     hung = replace(toy_prior(), card={"stands": False})
     seen = [draw_seen(shape.mesh, shape.extents, hung, SceneConfig(), rng) for _ in range(4)]
     raised = [

@@ -11,6 +11,7 @@ from numpy.testing import assert_allclose
 from numpy.typing import NDArray
 
 from objgraph.errors import PriorError
+from objgraph.training.meshes.files import MeshError
 from objgraph.training.meshes.samples import SampleConfig, load_samples, sample_solid, save_samples
 from objgraph.training.meshes.solid import SHEET_HALF_THICKNESS, Solid, SolidDistance, solidify
 from objgraph.training.meshes.warps import random_warp
@@ -100,6 +101,12 @@ def test_unusable_mesh_is_named(vertices: NDArray) -> None:
     faces = np.arange(3)[None] if len(vertices) else np.empty((0, 3), int)
     with pytest.raises(PriorError, match=r"mesh broken\.ply is empty or has vertices that are not finite"):
         solidify(trimesh.Trimesh(vertices, faces, process=False), "broken.ply")
+
+
+def test_a_mesh_without_area_is_named() -> None:
+    line = trimesh.Trimesh([[0, 0, 0], [0.5, 0, 0], [1, 0, 0]], [[0, 1, 2]], process=False)
+    with pytest.raises(MeshError, match=r"mesh line\.ply has no area"):
+        solidify(line, "line.ply")
 
 
 def test_samples_are_true_distances_and_repeat() -> None:

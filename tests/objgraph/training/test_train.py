@@ -16,7 +16,8 @@ from objgraph.errors import PriorError
 from objgraph.priors.mesh import extract_mesh
 from objgraph.priors.registry import load_prior
 from objgraph.priors.shape_prior import ShapePrior
-from objgraph.training.codes.fit import fit_error
+from objgraph.training.codes.fit import FitError, fit_error
+from objgraph.training.decoder.box_frame import BoxFrame
 from objgraph.training.decoder.losses import sign_errors
 from objgraph.training.decoder.train import (
     OptimiserConfig,
@@ -27,9 +28,11 @@ from objgraph.training.decoder.train import (
     train,
 )
 from objgraph.training.export import attribution, make_prior, train_command
+from objgraph.training.guess.train import TrainGuessConfig
 from objgraph.training.meshes.corpus import Corpus, CorpusConfig
 from objgraph.training.meshes.index import CadMesh
 from objgraph.training.meshes.samples import SampleConfig, SdfSamples
+from objgraph.training.size import LEAST_SIGMA
 
 
 def ball(radius: float, seed: int, count: int = 1500) -> SdfSamples:
@@ -161,6 +164,20 @@ def test_other_settings_do_not_resume_a_checkpoint(config: TrainConfig) -> None:
         train(config, replace(BALLS, training=BALLS.training[:5]))
 
 
+@pytest.mark.parametrize("what", ["samples", "names", "order"])
+def test_other_shapes_do_not_resume_a_checkpoint_though_they_are_as_many(
+    config: TrainConfig, what: str
+) -> None:
+    train(config, BALLS)
+    others = {
+        "samples": (replace(BALLS.training[0], sdf=BALLS.training[0].sdf + 0.01), *BALLS.training[1:]),
+        "names": (replace(BALLS.training[0], name="another"), *BALLS.training[1:]),
+        "order": BALLS.training[::-1],
+    }
+    with pytest.raises(PriorError, match="another training"):
+        train(config, replace(BALLS, training=others[what]))
+
+
 def test_truncated_checkpoint_is_named(config: TrainConfig) -> None:
     train(config, BALLS)
     path = checkpoint_path(config)
@@ -249,6 +266,54 @@ def test_what_a_prior_leaves_out_is_measured_on_what_people_made(
     assert len(errors) == 2
     assert abs(errors[0] - errors[1]) > 1e-4
     assert prior.residual_sigma == pytest.approx(np.median(chosen), rel=1e-3)
+
+
+def test_held_out_shapes_are_fitted_by_all_jobs_and_kept_in_order(
+    config: TrainConfig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    jobs, told = [], []
+
+    def backwards(works, workers):
+        jobs.append(workers.jobs)
+        yield from ((i, works[i]()) for i in reversed(range(len(works))))
+
+    monkeypatch.setattr("objgraph.training.export.spread", backwards)
+    monkeypatch.setattr(
+        "objgraph.training.export.fit_error",
+        lambda prior, shape: FitError(shape.name, 0.1, {"0-1": 0.1}, 1.0),
+    )
+    unseen = tuple(
+        CadMesh(Path(), f"{i}.ply", f"{i}", "CC0-1.0", "", "boxes", None, "people") for i in range(3)
+    )
+    heldout = tuple(replace(ball(0.3, i), name=f"{i}.ply#0") for i in range(3))
+    corpus = replace(BALLS, heldout=heldout, unseen=unseen)
+    prior = make_prior(
+        replace(config, jobs=2), corpus, train(config, corpus), lambda *what: told.append(what)
+    )
+    assert [error["name"] for error in prior.card["heldout"]["errors"]] == [shape.name for shape in heldout]
+    assert jobs == [2]
+    assert told == [("fitting held-out shapes", i, 3) for i in (1, 2, 3)]
+
+
+def test_the_first_guess_has_the_threads_of_the_training(
+    config: TrainConfig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    used = []
+
+    def guessed(prior, *_):
+        used.append(torch.get_num_threads())
+        return prior
+
+    monkeypatch.setattr("objgraph.training.export._corpus", lambda _: BALLS)
+    monkeypatch.setattr("objgraph.training.export.with_first_guess", guessed)
+    before = torch.get_num_threads()
+    train_command(replace(config, threads=before + 1, guess=TrainGuessConfig(steps=1)))
+    assert used == [before + 1]
+    assert torch.get_num_threads() == before
+
+
+def test_shapes_of_equal_proportions_leave_room_for_others() -> None:
+    assert BoxFrame.of(np.tile([0.5, 0.5, 0.7], (3, 1))).anisotropy_sigma == LEAST_SIGMA
 
 
 def test_training_leaves_the_global_generator_alone(config: TrainConfig) -> None:

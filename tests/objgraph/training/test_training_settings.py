@@ -8,7 +8,9 @@ import pytest
 from objgraph.cli.main import main
 from objgraph.errors import ConfigError, PriorError
 from objgraph.priors.first_guess import FirstGuessConfig
+from objgraph.training.codes.partial import PartialConfig
 from objgraph.training.codes.search import SearchConfig
+from objgraph.training.codes.single_view import SingleViewConfig
 from objgraph.training.decoder.losses import LossConfig
 from objgraph.training.decoder.train import OptimiserConfig, TrainConfig
 from objgraph.training.guess.command import GuessCommand
@@ -16,6 +18,7 @@ from objgraph.training.guess.scenes import SceneConfig
 from objgraph.training.guess.train import TrainGuessConfig
 from objgraph.training.meshes.corpus import CorpusConfig
 from objgraph.training.meshes.samples import SampleConfig
+from objgraph.training.quality.evaluate import PriorEvaluationConfig
 
 
 @pytest.mark.parametrize(
@@ -36,6 +39,15 @@ from objgraph.training.meshes.samples import SampleConfig
         (lambda: SceneConfig(wall=-0.1), "wall"),
         (lambda: GuessCommand("chair", Path("out"), shapes=0), "shapes"),
         (lambda: SearchConfig(kept=0), "kept"),
+        (lambda: GuessCommand("chair", Path("out"), threads=0), "threads"),
+        (lambda: PriorEvaluationConfig(resolution=0), "resolution"),
+        (lambda: PriorEvaluationConfig(bound=0.0), "bound"),
+        (lambda: PriorEvaluationConfig(seed=-1), "seed"),
+        (lambda: PartialConfig(surface_points=0), "surface_points"),
+        (lambda: PartialConfig(free_sigma=0.0), "free_sigma"),
+        (lambda: SingleViewConfig(width=1), "width"),
+        (lambda: SingleViewConfig(distance=(0.5, 2.0)), r"distance\[0\]"),
+        (lambda: SingleViewConfig(elevation=(15.0, 90.0)), r"elevation\[1\]"),
     ],
 )
 def test_what_means_nothing_is_named(make: Callable[[], object], named: str) -> None:
