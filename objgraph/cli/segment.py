@@ -25,6 +25,9 @@ from objgraph.segment.link import link
 from objgraph.segment.mask2former import Segmenter
 from objgraph.segment.masks import detection_masks, instance_masks
 
+_BY = "objgraph segment"
+"""What `instances.json` says of who wrote it: that one may be replaced, be it of a run that was killed."""
+
 
 @dataclass(frozen=True)
 class SegmentCommand:
@@ -80,8 +83,7 @@ def run_segment(command: SegmentCommand, console: Console) -> Path:
     )
     masks = (command.root if scan is None else scan.folder) / "masks"
     if masks.exists():
-        both = "it" if scan is None else "it and instances.json"
-        raise DatasetError(f"{masks}: already there; remove {both} to segment the images again")
+        raise DatasetError(f"{masks}: already there; remove it to segment the images again")
     up = None if scan is None else _up(command, scan)
     segmenter = Segmenter.load(command.weights, device=command.device)
     if scan is None or up is None:
@@ -167,15 +169,17 @@ def _scan(scan: _Unmasked, out: Path, segmenter: Segmenter, up: Float[np.ndarray
         local = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
         _write(path, linked.relabelled(i, np.asarray(local)))
     instances = {str(number): category for number, category in linked.categories.items()}
-    document = json.dumps({"up_world": up.tolist(), "instances": instances}, indent=1) + "\n"
+    document = json.dumps({"up_world": up.tolist(), "instances": instances, "by": _BY}, indent=1) + "\n"
     write_file(scan.folder / "instances.json", document.encode(), DatasetError)
 
 
 def _up(command: SegmentCommand, scan: _Unmasked) -> Float[np.ndarray, "3"]:
-    """What was typed, else what the file says, else what is known; the file may hold nothing else, as it is replaced."""
+    """What was typed, else what the file says, else what is known; a file of the user's own with more is not replaced."""
     path = scan.folder / "instances.json"
     content = read_json(path) if path.is_file() else {}
-    if not isinstance(content, dict) or any(value for key, value in content.items() if key != "up_world"):
+    if not isinstance(content, dict) or (
+        content.get("by") != _BY and any(content[k] for k in content if k != "up_world")
+    ):
         raise DatasetError(
             f"{path}: would be replaced, and holds more than up_world: move it away, and give --up"
         )
