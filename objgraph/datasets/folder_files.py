@@ -1,6 +1,7 @@
 """The files that users write beside their images: the camera, the objects and the masks of a scan."""
 
 import logging
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -27,6 +28,9 @@ from objgraph.observation.frames import Frame, Instance, Scan
 
 log = logging.getLogger(__name__)
 
+_CAMERA_KEYS = ("fx", "fy", "cx", "cy", "width", "height", "depth_scale")
+_DISTORTION = re.compile(r"k[1-6]|p[12]|d|dist.*|coeffs")
+"""Names that files of other programs give a lens's distortion."""
 _CAMERA = '{"fx": 615.0, "fy": 615.0, "cx": 319.5, "cy": 239.5, "width": 640, "height": 480}'
 _INSTANCES = '{"up_world": [0, 0, 1], "instances": {"1": "chair", "2": "table"}}'
 
@@ -66,7 +70,7 @@ def camera_file(folder: Path) -> Path:
 def read_camera(path: Path) -> Camera:
     """The camera of a JSON file (`fx fy cx cy`, perhaps `width height depth_scale`) or of a text.
 
-    The text is `fx fy cx cy` or a 3x3 matrix. Raises `DatasetError` for anything else.
+    The text is `fx fy cx cy` or a 3x3 matrix. Raises `DatasetError` for anything else, and for distortion that is not zero.
     """
     if path.suffix != ".json":
         count = len(read_bytes(path).split())
@@ -81,9 +85,21 @@ def read_camera(path: Path) -> Camera:
         if size is not None and min(size) < 1:
             raise ValueError(f"{size[0]}x{size[1]} pixels")
         depth_scale = float(content["depth_scale"]) if "depth_scale" in content else None
+        _check_keys(content)
     except (KeyError, TypeError, ValueError) as error:
         raise DatasetError(f"{path}: no camera ({_reason(error)}); it must read like {_CAMERA}") from error
     return Camera(str(path), matrix, size, None if depth_scale is None else units_a_metre(depth_scale, path))
+
+
+def _check_keys(content: Mapping[str, Any]) -> None:
+    """Raise ValueError for what would be ignored: a depth scale under another name, distortion; zeros say nothing."""
+    for key in sorted(content.keys() - set(_CAMERA_KEYS)):
+        if _DISTORTION.fullmatch(key.lower()) is None:
+            raise ValueError(f"{key} is not known, there are {', '.join(_CAMERA_KEYS)}: take it out")
+        if np.asarray(content[key], dtype=float).any():
+            raise ValueError(
+                f"the lens distortion {key} is not corrected: undistort the images and take it out"
+            )
 
 
 def units_a_metre(depth_scale: float, origin: object) -> float:
