@@ -72,12 +72,35 @@ def read_matrix(path: Path, rows: int, columns: int) -> np.ndarray:
     return matrix.reshape(rows, columns)
 
 
-def decode_color(
-    data: bytes, origin: object, shape: tuple[int, int] | None = None
-) -> UInt8[np.ndarray, "h w 3"]:
-    """RGB, resized to `shape` (height, width) where that is given and the colour camera has another resolution."""
-    color = cv2.cvtColor(_decode(data, origin, cv2.IMREAD_COLOR), cv2.COLOR_BGR2RGB).astype(np.uint8)
-    return color if shape is None else fitted(color, shape)
+class ColorImages:
+    """A scan's colour images, which are for display alone: one that cannot be used is None, and the first is warned of."""
+
+    def __init__(self) -> None:
+        self._warned = False
+
+    def read(self, path: Path | None, shape: tuple[int, int]) -> UInt8[np.ndarray, "h w 3"] | None:
+        """RGB as large as `shape` (height, width); None without a path, too."""
+        return None if path is None else self.made(lambda: decode_color(read_bytes(path), path), path, shape)
+
+    def made(
+        self, decode: Callable[[], UInt8[np.ndarray, "a b 3"]], origin: object, shape: tuple[int, int]
+    ) -> UInt8[np.ndarray, "h w 3"] | None:
+        """The same of what a function gives, which may raise `DatasetError`."""
+        try:
+            color = decode()
+            check_proportions("colour image", origin, (color.shape[0], color.shape[1]), shape)
+        except DatasetError as error:
+            if not self._warned:
+                log.warning("%s; colour is for display, and is not shown where it cannot be used", error)
+            self._warned = True
+            return None
+        return fitted(color, shape)
+
+
+def decode_color(data: bytes, origin: object) -> UInt8[np.ndarray, "h w 3"]:
+    """RGB, as it lies in the file: depth and masks know nothing of the turn that a camera notes beside it."""
+    flags = cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION
+    return cv2.cvtColor(_decode(data, origin, flags), cv2.COLOR_BGR2RGB).astype(np.uint8)
 
 
 def fitted(color: UInt8[np.ndarray, "a b 3"], shape: tuple[int, int]) -> UInt8[np.ndarray, "h w 3"]:

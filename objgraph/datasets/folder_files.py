@@ -12,8 +12,8 @@ from jaxtyping import Float, Int
 
 from objgraph.checked import direction, whole
 from objgraph.datasets.files import (
+    ColorImages,
     LazyFrames,
-    decode_color,
     decode_depth,
     decode_instances,
     fitted_ids,
@@ -202,6 +202,7 @@ def lazy_frames(
     if depth_scale is None:
         depth_scale = camera.depth_scale or usual_scale
     units = units_a_metre(depth_scale, folder)
+    colors = ColorImages()
 
     def read(name: str) -> Frame:
         paths = files[name]
@@ -214,7 +215,7 @@ def lazy_frames(
             intrinsics=intrinsics_from(camera.matrix, camera.origin, width, height, camera.size),
             T_world_camera=paths.T_world_camera,
             instances=read_masks(paths.masks, depth.shape),
-            color=None if color is None else decode_color(read_bytes(color), color, depth.shape),
+            color=colors.read(color, depth.shape),
         )
 
     return LazyFrames(list(files), read)

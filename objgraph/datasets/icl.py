@@ -9,8 +9,8 @@ from pathlib import Path
 
 from objgraph.datasets.boxes import INSTANCES, read_object_boxes, true_boxes
 from objgraph.datasets.files import (
+    ColorImages,
     LazyFrames,
-    decode_color,
     decode_depth,
     intrinsics_from,
     pick_folder,
@@ -44,6 +44,7 @@ def load(root: Path, scene: str | None = None, *, stride: int = 1) -> Scan:
     names = sorted(path.stem for path in (folder / "depth").glob("*.png"))[::stride]
     poses = usable_poses(names, lambda name: read_matrix(folder / "pose" / f"{name}.txt", 4, 4), folder)
     camera = read_matrix(folder / "intrinsics.txt", 3, 3)
+    colors = ColorImages()
 
     def read(name: str) -> Frame:
         path = folder / "depth" / f"{name}.png"
@@ -58,7 +59,7 @@ def load(root: Path, scene: str | None = None, *, stride: int = 1) -> Scan:
             intrinsics=intrinsics,
             T_world_camera=poses[name],
             instances=objects.masks(depth, intrinsics, poses[name]),
-            color=None if color is None else decode_color(read_bytes(color), color, (height, width)),
+            color=colors.read(color, (height, width)),
         )
 
     return Scan(folder.resolve().name, LazyFrames(list(poses), read), objects.instances, objects.up_world)

@@ -17,8 +17,8 @@ from jaxtyping import Float
 
 from objgraph.checked import inside
 from objgraph.datasets.files import (
+    ColorImages,
     LazyFrames,
-    decode_color,
     decode_depth,
     intrinsics_from,
     pick_folder,
@@ -73,6 +73,7 @@ def load(root: Path, scene: str | None = None, *, stride: int = 1) -> Scan:
     names = list(masks)[::stride]
     poses = usable_poses(names, lambda name: _pose(entries[name].matrix, f"{folder / _FILE}: {name}"), folder)
     up_world, instances = read_instances(folder / "instances.json", _Z_UP)
+    colors = ColorImages()
 
     def read(name: str) -> Frame:
         entry, camera = entries[name], entries[name].camera
@@ -85,7 +86,7 @@ def load(root: Path, scene: str | None = None, *, stride: int = 1) -> Scan:
             intrinsics=intrinsics_from(camera.matrix, camera.origin, width, height, camera.size),
             T_world_camera=poses[name],
             instances=read_masks(masks[name], depth.shape),
-            color=None if color is None else decode_color(read_bytes(color), color, depth.shape),
+            color=colors.read(color, depth.shape),
         )
 
     return Scan(folder.resolve().name, LazyFrames(list(poses), read), instances, up_world)

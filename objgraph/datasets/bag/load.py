@@ -25,6 +25,7 @@ from objgraph.datasets.files import (
     fitted,
     intrinsics_from,
     pick_scene,
+    same_proportions,
 )
 from objgraph.datasets.folder_files import Camera, mask_paths, read_instances, read_masks
 from objgraph.datasets.trajectory import interpolate, read_tum
@@ -181,7 +182,7 @@ class Recording:
         depth = depth_of(self.bag.message(self.topics.depth, self.depth[name]), origin)
         height, width = depth.shape
         color = self.color(name)
-        if color is not None and abs(color.shape[1] / color.shape[0] * height / width - 1) > 0.02:
+        if color is not None and not same_proportions((color.shape[0], color.shape[1]), (height, width)):
             raise DatasetError(
                 f"{origin}: {width}x{height} pixels, and its colour {color.shape[1]}x{color.shape[0]}: other proportions, "
                 "so not one view; name the topic of depth that is registered to colour (--topic.depth)"
