@@ -2,7 +2,7 @@
 
 import logging
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -28,6 +28,9 @@ from objgraph.observation.frames import Frame, Instance, Scan
 
 log = logging.getLogger(__name__)
 
+UNUSED_MASKS = "%s: %d masks have no depth image of their name: %s; the frames are called %s"
+"""A warning that the doctor takes for a fault."""
+_MASKS = (".png", ".json")
 _CAMERA_KEYS = ("fx", "fy", "cx", "cy", "width", "height", "depth_scale")
 _DISTORTION = re.compile(r"k[1-6]|p[12]|d|dist.*|coeffs")
 """Names that files of other programs give a lens's distortion."""
@@ -136,32 +139,34 @@ def read_instances(
     return up, tuple(sorted(instances, key=lambda instance: instance.id))
 
 
-def mask_paths(folder: Path, candidates: Mapping[str, Sequence[str]]) -> dict[str, Path]:
+def mask_paths(
+    folder: Path, candidates: Mapping[str, Sequence[str]], others: Collection[str] = ()
+) -> dict[str, Path]:
     """Each frame's file in `masks/`, NAME.png or NAME.json: the first that exists of those that it may be named after.
 
-    Frames without one are left out with a warning: segmenting some of the frames is enough. Raises `DatasetError`
-    where there is no mask at all.
+    Frames without one are left out with a warning: segmenting some of the frames is enough. Masks of no frame are warned of,
+    too, but for those of `others`, images that have no depth. Raises `DatasetError` where there is no mask at all.
     """
     masks = folder / "masks"
     found: dict[str, Path] = {}
     for name, stems in candidates.items():
         path = next(
-            (
-                p
-                for p in (masks / f"{stem}{end}" for stem in stems for end in (".png", ".json"))
-                if p.is_file()
-            ),
+            (p for p in (masks / f"{stem}{end}" for stem in stems for end in _MASKS) if p.is_file()),
             None,
         )
         if path is not None:
             found[name] = path
     if not found:
         there = sorted(path.name for path in masks.iterdir()) if masks.is_dir() else []
-        have = f"masks/ has {', '.join(there[:3])}{', ...' * (len(there) > 3)}; " if there else ""
+        have = f"masks/ has {_few(there)}; " if there else ""
         raise DatasetError(
             f"{folder}: none of the {len(candidates)} depth images has a mask; {have}write masks/NAME.png with the depth "
             f"image's NAME (masks/{next(iter(candidates))}.png): one channel, 8 or 16 bit, a pixel's value is its object's id and 0 is none"
         )
+    known = {stem for stems in candidates.values() for stem in stems}.union(others)
+    unused = sorted(p.stem for p in masks.iterdir() if p.suffix in _MASKS and p.stem not in known)
+    if unused:
+        log.warning(UNUSED_MASKS, masks, len(unused), _few(unused), _few(list(candidates)))
     if len(found) < len(candidates):
         lost = len(candidates) - len(found)
         log.warning("%s: %d of %d frames have no mask and are left out", folder, lost, len(candidates))
@@ -219,6 +224,10 @@ def lazy_frames(
         )
 
     return LazyFrames(list(files), read)
+
+
+def _few(names: Sequence[str]) -> str:
+    return ", ".join(names[:3]) + ", ..." * (len(names) > 3)
 
 
 def _matrix(fx: float, fy: float, cx: float, cy: float) -> Float[np.ndarray, "3 3"]:

@@ -69,7 +69,8 @@ def load(root: Path, scene: str | None = None, *, stride: int = 1) -> Scan:
     folder = pick_folder(root, _FILE, scene)
     content, units = _content(folder / _FILE)
     entries = _entries(folder, content)
-    masks = mask_paths(folder, {name: (name, entry.depth.stem) for name, entry in entries.items()})
+    others = [Path(str(frame.get("file_path"))).stem for frame in content["frames"]]
+    masks = mask_paths(folder, {name: (name, entry.depth.stem) for name, entry in entries.items()}, others)
     names = list(masks)[::stride]
     poses = usable_poses(names, lambda name: _pose(entries[name].matrix, f"{folder / _FILE}: {name}"), folder)
     up_world, instances = read_instances(folder / "instances.json", _Z_UP)
