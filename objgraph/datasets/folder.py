@@ -133,7 +133,8 @@ def _poses(
     if not labels:
         raise DatasetError(
             f"{path}: no line belongs to a frame: the frames are called {', '.join(names[:3])}, .., the lines begin "
-            f"with {', '.join(list(labelled)[:3])}, ..; begin each line with its frame's name"
+            f"with {', '.join(list(labelled)[:3])}, ..; begin each line with its frame's name, "
+            f"or with a time within {max_difference:g} s of a frame that is named by its own (in Python: max_difference)"
         )
     if len(labels) < len(names):
         lost = [name for name in names if name not in labels]

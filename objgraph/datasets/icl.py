@@ -41,7 +41,8 @@ def load(root: Path, scene: str | None = None, *, stride: int = 1) -> Scan:
         raise DatasetError(f"stride {stride}: must be 1 or more")
     folder = pick_folder(root, "depth", scene)
     objects = read_object_boxes(folder / INSTANCES)
-    names = sorted(path.stem for path in (folder / "depth").glob("*.png"))[::stride]
+    stems = (path.stem for path in (folder / "depth").glob("*.png"))
+    names = sorted(stems, key=lambda name: (len(name), name))[::stride]
     poses = usable_poses(names, lambda name: read_matrix(folder / "pose" / f"{name}.txt", 4, 4), folder)
     camera = read_matrix(folder / "intrinsics.txt", 3, 3)
     colors = ColorImages()

@@ -163,7 +163,7 @@ class Recording:
             first, last = next(iter(masks)), list(masks)[-1]
             raise DatasetError(
                 f"{self.bag.path}: none of the {len(masks)} frames with masks, from {first} to {last} s, lies between "
-                "two poses that are near enough in time (max_difference)"
+                "two poses that are near enough in time (in Python: max_difference)"
             )
         if len(names) < len(masks):
             lost = len(masks) - len(names)
