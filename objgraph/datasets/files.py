@@ -216,7 +216,7 @@ def intrinsics_from(
         )
     if size is not None and size != (width, height):
         sx, sy = width / size[0], height / size[1]
-        if not same_proportions((height, width), size[::-1]):
+        if not same_proportions((height, width), (size[1], size[0])):
             raise DatasetError(
                 f"{origin}: the intrinsics are for {size[0]}x{size[1]} pixels, the images have {width}x{height}: "
                 "other proportions, so scaling cannot bring them together"
