@@ -4,6 +4,7 @@ They are made under a name of their own beside their place. What a kill leaves o
 folder: whoever makes one holds a lock on it, which ends with the process.
 """
 
+import errno
 import fcntl
 import os
 import shutil
@@ -38,6 +39,22 @@ def new_file(path: Path, error: type[ObjectGraphError] = OutputError) -> Iterato
             os.fsync(handle)
             unfinished.chmod(0o644)
             os.replace(unfinished, path)
+    except OSError as problem:
+        raise error(f"{path}: cannot be written ({problem})") from problem
+
+
+def check_place(path: Path, error: type[ObjectGraphError] = OutputError) -> None:
+    """Whether `write_file` could write here, asked before long work; nothing is left of the question.
+
+    Raises:
+        error: it could not, whatever is in the way.
+    """
+    try:
+        if path.is_dir():
+            raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
+        folder = next(above for above in path.absolute().parents if above.exists())
+        with tempfile.TemporaryFile(dir=folder):
+            pass
     except OSError as problem:
         raise error(f"{path}: cannot be written ({problem})") from problem
 

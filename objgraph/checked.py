@@ -26,13 +26,14 @@ _SURROGATE = re.compile(r"\\ud[89a-f]", re.IGNORECASE)
 def parse_json(data: bytes, finite: bool = True) -> Any:
     """A JSON document that can be walked, written and computed with.
 
-    Integers fit a float and 64 bits, text is Unicode, and nothing is nested deeper than `DEEPEST`. `finite` refuses NaN and
-    infinity, which Python alone reads.
+    Integers fit a float and 64 bits, text is Unicode, no object has a name twice, and nothing is nested deeper than `DEEPEST`.
+    `finite` refuses NaN and infinity, which Python alone reads.
     """
     try:
         text = data.decode(json.detect_encoding(data))
         document = json.loads(
             text,
+            object_pairs_hook=_object,
             parse_int=_integer,
             parse_float=_finite if finite else float,
             parse_constant=_finite if finite else float,
@@ -135,6 +136,15 @@ def _check_depth(document: Any) -> None:
         if not level:
             return
     raise ValueError(f"nested deeper than {DEEPEST} levels")
+
+
+def _object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    """Of a name that is there twice Python would keep the last."""
+    document = dict(pairs)
+    if len(document) < len(pairs):
+        names = [name for name, _ in pairs]
+        raise ValueError(f"{next(name for name in names if names.count(name) > 1)!r} is there twice")
+    return document
 
 
 def _integer(text: str) -> int:

@@ -1,7 +1,7 @@
 """What the command line does: `objgraph doctor`."""
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from rich.box import SIMPLE_HEAD
@@ -9,14 +9,13 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from objgraph.atomic import check_place
 from objgraph.cli.progress import progress
-from objgraph.cli.run_config import LIDAR_DATASETS, SAMPLE_ROOT
+from objgraph.cli.run_config import GENERATED, LIDAR_DATASETS, SAMPLE_ROOT, Topics
 from objgraph.doctor import Finding, Section, examine_lidar, examine_machine, examine_scan
-from objgraph.errors import DatasetError
+from objgraph.errors import DatasetError, OutputError
 
 _PICTURE = "doctor.png"
-_GENERATED = ("sample", "street")
-"""Data sets that need no `--root`."""
 
 
 @dataclass(frozen=True)
@@ -34,7 +33,9 @@ class DoctorCommand:
     scene: str | None = None
     """Name of the scan (of kitti the frame, by default all); may be left out where there is only one."""
     trajectory: Path | None = None
-    """Trajectory file in the TUM format in place of the data set's own; for folder and tum."""
+    """Trajectory file in the TUM format in place of the data set's own; for folder, tum and bag."""
+    topic: Topics = field(default_factory=Topics)
+    """Of a bag, in place of guesses."""
     out: Path | None = None
     """Folder for doctor.png: the frame with most objects, their masks, the floor and the direction up."""
 
@@ -43,12 +44,12 @@ def run_doctor(command: DoctorCommand, console: Console) -> int:
     """Examine, print, draw what was asked for; the exit status.
 
     Raises:
-        DatasetError: an option does not go with the data set, or the picture cannot be written.
+        DatasetError: an option does not go with the data set, or nothing can be written to `out`.
     """
     if command == DoctorCommand():
         return _told(examine_machine(), console)
     dataset = command.dataset or "folder"
-    if command.root is None and dataset not in _GENERATED:
+    if command.root is None and dataset not in GENERATED:
         raise DatasetError(f"data set '{dataset}': --root must name its folder")
     root = SAMPLE_ROOT if command.root is None else command.root
     examine = _lidar if dataset in LIDAR_DATASETS else _scan
@@ -57,7 +58,11 @@ def run_doctor(command: DoctorCommand, console: Console) -> int:
 
 
 def _scan(dataset: str, root: Path, command: DoctorCommand, console: Console) -> Iterable[Section]:
-    options = {} if command.trajectory is None else {"trajectory": command.trajectory}
+    if command.out is not None:
+        check_place(command.out / _PICTURE, DatasetError)
+    options = command.topic.options()
+    if command.trajectory is not None:
+        options["trajectory"] = command.trajectory
     with progress(console, transient=True) as tell:
         found = examine_scan(
             dataset, root, command.scene, lambda done, total: tell("reading frames", done, total),
@@ -70,16 +75,16 @@ def _scan(dataset: str, root: Path, command: DoctorCommand, console: Console) ->
         scan = found.scan
         try:
             doctor_picture(scan.frames[found.best], scan.instances, scan.up_world, found.floor, path)
-        except OSError as error:
-            raise DatasetError(f"{path}: the picture cannot be written ({error})") from error
+        except OutputError as error:
+            return [*found.sections, Section("Picture", findings=(Finding.of(error, str(path)),))]
         console.print(f"written to {path}")
     return found.sections
 
 
 def _lidar(dataset: str, root: Path, command: DoctorCommand, console: Console) -> Iterable[Section]:
-    if command.out is not None or command.trajectory is not None:
+    if command.out is not None or command.trajectory is not None or command.topic.options():
         raise DatasetError(
-            f"data set '{dataset}': there is no picture of a LiDAR's scan (--out) and no --trajectory"
+            f"data set '{dataset}': there is no picture of a LiDAR's scan (--out), no --trajectory and no --topic"
         )
     with progress(console, transient=True) as tell:
         return examine_lidar(

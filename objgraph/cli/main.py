@@ -198,7 +198,7 @@ VERBS: dict[str, Callable[[list[str], "Console"], int | None]] = {
 """Each gives the exit status; None is success."""
 
 
-_GOES_ON = ("evaluate", "train", "train-guess", "segment")
+_GOES_ON = ("evaluate", "train", "train-guess")
 """Verbs that keep what they have finished; `map` does with --scenes."""
 
 

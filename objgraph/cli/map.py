@@ -11,12 +11,13 @@ import tyro
 from jaxtyping import Float
 from rich.console import Console
 
+from objgraph.atomic import check_place
 from objgraph.cli.progress import progress
 from objgraph.cli.run_config import MapRun, Source, Topics, read_run, root_of
 from objgraph.datasets.ground_truth import AnnotatedScan, annotated
 from objgraph.datasets.registry import load_lidar_frame, load_scan, scenes
 from objgraph.errors import DatasetError, EvaluationError, MapError
-from objgraph.maps.files import EVALUATION
+from objgraph.maps.files import DOCUMENT, EVALUATION
 from objgraph.maps.lidar import LidarMappingConfig, map_lidar
 from objgraph.maps.object_map import ObjectMap
 from objgraph.maps.pipeline import MappingConfig, map_scan, scene_points
@@ -33,6 +34,7 @@ from objgraph.work import Engine
 
 log = logging.getLogger(__name__)
 
+PICTURE = "map.png"
 _MOST_JOBS = 4
 """Unless more are asked for: each takes memory."""
 _DEFAULTS = MappingConfig()
@@ -115,6 +117,7 @@ _SETTINGS: dict[str, tuple[str, ...]] = {
 def run_map(command: MapCommand, console: Console) -> ObjectMap:
     """Load, map, evaluate where there is ground truth, save, and show: a table, a picture and a page."""
     run = run_of(command)
+    check_place(command.out / DOCUMENT, MapError)
     settings = run.settings
     if isinstance(settings, LidarMappingConfig):
         return _map_lidar(run.source, settings, command, console)
@@ -155,7 +158,7 @@ def _map_lidar(
         object_map = map_lidar(frame, settings, tell, jobs_of(command), command.engine)
     _save(object_map, MapRun(replace(source, scene=frame.name), settings), out)
     console.print(map_table(object_map))
-    street_picture(object_map, frame, out / "map.png")
+    street_picture(object_map, frame, out / PICTURE)
     write_report(out, frame.p_world)
     console.print(_written(out))
     return object_map
@@ -205,9 +208,10 @@ def _limited(scan: Scan, categories: tuple[str, ...]) -> Scan:
 
 
 def _save(object_map: ObjectMap, run: MapRun, out: Path) -> None:
-    """The map and its settings; what an earlier map's errors were says nothing of this one."""
+    """The map and its settings; an earlier map's errors, picture and page say nothing of this one."""
     try:
-        (out / EVALUATION).unlink(missing_ok=True)
+        for name in (EVALUATION, PICTURE, REPORT):
+            (out / name).unlink(missing_ok=True)
         object_map.save(out)
         run.save(out)
     except OSError as error:
@@ -231,14 +235,15 @@ def _show(object_map: ObjectMap, errors: MapErrors | None, scan: Scan, out: Path
     judged = [entry.trust for entry in object_map.mapped if entry.trust is not None]
     if 2 * sum(trust.is_poor for trust in judged) > max(len(judged), 2):
         console.print(
-            "most objects are poor: `objgraph doctor` with the same words checks poses, depth, masks and gravity"
+            "most objects are poor: `objgraph doctor` with the same --dataset, --root, --scene, --trajectory and --topic "
+            "checks poses, depth, masks and gravity"
         )
     table = None if errors is None else evaluation_table(object_map, errors)
     if table is not None:
         console.print(table)
     points, colors = points_of(scan)
     if object_map.mapped:
-        map_picture(object_map, points, colors, out / "map.png")
+        map_picture(object_map, points, colors, out / PICTURE)
     write_report(out, points, colors, object_pictures(object_map.mapped, scan.frames))
     console.print(_written(out))
 

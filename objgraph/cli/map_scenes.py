@@ -38,7 +38,7 @@ def run_map_scenes(command: MapCommand, console: Console) -> None:
     """Map every scan of `command.scenes` that has no page yet; one that fails stops no other.
 
     Raises:
-        DatasetError: the scans cannot be listed, or a name is none that a folder can have.
+        DatasetError: the scans cannot be listed, a name is none that a folder can have, or a trajectory is given.
         MapError: some scans failed, which are named; or a folder holds a map that other settings made.
         ProcessError: there is no Ray cluster.
     """
@@ -72,6 +72,10 @@ def run_map_scenes(command: MapCommand, console: Console) -> None:
 def _names(command: MapCommand, run: MapRun) -> Sequence[str]:
     if command.scene is not None:
         raise DatasetError("--scene names one scan, --scenes many: give one of them")
+    if run.source.trajectory is not None:
+        raise DatasetError(
+            f"--scenes maps many scans, and {run.source.trajectory} is one's trajectory: map that one by --scene"
+        )
     if command.scenes == ALL:
         dataset, root = run.source.dataset, root_of(run.source)
         listed = lidar_frames if dataset in LIDAR_DATASETS else scenes

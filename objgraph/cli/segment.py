@@ -13,17 +13,20 @@ from rich.console import Console
 from rich.progress import track
 
 from objgraph.atomic import write_file, write_folder
+from objgraph.checked import direction
 from objgraph.cli.run_config import Topics
 from objgraph.datasets.bag.load import Recording, pick_bag
-from objgraph.datasets.files import LazyFrames, decode_color, pick_folder, read_bytes
+from objgraph.datasets.files import LazyFrames, decode_color, pick_folder, read_bytes, read_json
 from objgraph.datasets.folder import color_path, frames_with_masks
-from objgraph.datasets.folder_files import read_instances
 from objgraph.datasets.kitti import CATEGORIES, frames
 from objgraph.datasets.kitti_files import read_boxes
 from objgraph.errors import DatasetError, SegmentationError
 from objgraph.segment.link import link
 from objgraph.segment.mask2former import Segmenter
 from objgraph.segment.masks import detection_masks, instance_masks
+
+_BY = "objgraph segment"
+"""What `instances.json` says of who wrote it: that one may be replaced, be it of a run that was killed."""
 
 
 @dataclass(frozen=True)
@@ -54,10 +57,10 @@ class _Unmasked:
     folder: Path
     """Where its masks are to lie."""
     names: list[str]
-    """Of the frames to be segmented."""
+    """Of the frames to be segmented, which have poses."""
     color: Callable[[str], UInt8[np.ndarray, "h w 3"]]
-    frames: Callable[[Path], LazyFrames]
-    """Those with a pose, by the folder of their masks."""
+    frames: Callable[[Mapping[str, Path]], LazyFrames]
+    """By the masks of their names."""
     up_world: Float[np.ndarray, "3"] | None = None
     """Where it is known without being told."""
 
@@ -67,7 +70,7 @@ def run_segment(command: SegmentCommand, console: Console) -> Path:
 
     Raises:
         SegmentationError: transformers or the weights are missing, or nothing was found.
-        DatasetError: images are missing or damaged, or there are masks already.
+        DatasetError: images, the camera or poses are missing or damaged, or there are masks or named instances already.
     """
     if command.stride < 1:
         raise DatasetError(f"--stride {command.stride}: must be 1 or more")
@@ -81,17 +84,18 @@ def run_segment(command: SegmentCommand, console: Console) -> Path:
     masks = (command.root if scan is None else scan.folder) / "masks"
     if masks.exists():
         raise DatasetError(f"{masks}: already there; remove it to segment the images again")
+    up = None if scan is None else _up(command, scan)
     segmenter = Segmenter.load(command.weights, device=command.device)
-    if scan is None:
+    if scan is None or up is None:
         write_folder(masks, lambda folder: _kitti(command.root, folder, segmenter))
     else:
-        up = _up(command, scan)
         write_folder(masks, lambda folder: _scan(scan, folder, segmenter, up))
     console.print(f"written to {masks}")
     return masks
 
 
 def _folder(command: SegmentCommand) -> _Unmasked:
+    """Camera, poses and the images' sizes are looked at now: what is wrong with them is told before hours of segmenting."""
     root = pick_folder(command.root, "depth", None)
     stems = (path.stem for path in (root / "depth").glob("*.png"))
     colors = {name: color_path(root, name) for name in sorted(stems, key=lambda name: (len(name), name))}
@@ -100,9 +104,11 @@ def _folder(command: SegmentCommand) -> _Unmasked:
         raise DatasetError(
             f"{root / 'color'}: holds no NAME.jpg or .png of a depth image's NAME: nothing to segment"
         )
+    masks = {name: root / "masks" / f"{name}.png" for name in list(images)[:: command.stride]}
+    names = list(frames_with_masks(root, masks, command.trajectory).names)
     return _Unmasked(
         root,
-        list(images)[:: command.stride],
+        names,
         lambda name: decode_color(read_bytes(images[name]), images[name]),
         lambda masks: frames_with_masks(root, masks, command.trajectory),
     )
@@ -126,7 +132,7 @@ def _bag(command: SegmentCommand) -> _Unmasked:
         path.parent,
         names,
         color,
-        lambda masks: bag.frames({name: masks / f"{name}.png" for name in names}),
+        bag.frames,
         bag.up_world,
     )
 
@@ -152,37 +158,38 @@ def _scan(scan: _Unmasked, out: Path, segmenter: Segmenter, up: Float[np.ndarray
         segments = segmenter.segment(image)
         categories[name] = {i: segment.category for i, segment in enumerate(segments, 1)}
         _write(out / f"{name}.png", instance_masks(segments, _size(image)))
-    frames = scan.frames(out)
+    frames = scan.frames({name: out / f"{name}.png" for name in scan.names})
     linked = link(frames, [categories[name] for name in frames.names])
     if not linked.categories:
         raise SegmentationError(
             f"{scan.folder}: no chair, table or car was found in two of its {len(frames)} frames"
         )
-    numbers = {name: i for i, name in enumerate(frames.names)}
-    for name in categories:
+    for i, name in enumerate(frames.names):
         path = out / f"{name}.png"
-        if name in numbers:
-            local = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
-            _write(path, linked.relabelled(numbers[name], np.asarray(local)))
-        else:
-            path.unlink()
+        local = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+        _write(path, linked.relabelled(i, np.asarray(local)))
     instances = {str(number): category for number, category in linked.categories.items()}
-    document = json.dumps({"up_world": up.tolist(), "instances": instances}, indent=1) + "\n"
+    document = json.dumps({"up_world": up.tolist(), "instances": instances, "by": _BY}, indent=1) + "\n"
     write_file(scan.folder / "instances.json", document.encode(), DatasetError)
 
 
 def _up(command: SegmentCommand, scan: _Unmasked) -> Float[np.ndarray, "3"]:
-    if command.up is None:
-        path = scan.folder / "instances.json"
-        if path.is_file():
-            return read_instances(path, scan.up_world)[0]
-        if scan.up_world is None:
-            raise DatasetError(f"{scan.folder}: say which way is up in the poses' world, as in --up 0 0 1")
-        return scan.up_world
-    up = np.array(command.up)
-    if not np.isfinite(up).all() or not up.any():
-        raise DatasetError(f"--up {' '.join(map(str, command.up))} is no direction")
-    return up / np.linalg.norm(up)
+    """What was typed, else what the file says, else what is known; a file of the user's own with more is not replaced."""
+    path = scan.folder / "instances.json"
+    content = read_json(path) if path.is_file() else {}
+    if not isinstance(content, dict) or (
+        content.get("by") != _BY and any(content[k] for k in content if k != "up_world")
+    ):
+        raise DatasetError(
+            f"{path}: would be replaced, and holds more than up_world: move it away, and give --up"
+        )
+    up = command.up or content.get("up_world", scan.up_world)
+    if up is None:
+        raise DatasetError(f"{scan.folder}: say which way is up in the poses' world, as in --up 0 0 1")
+    try:
+        return direction(up, "--up" if command.up else f"{path}: up_world")
+    except ValueError as error:
+        raise DatasetError(str(error)) from error
 
 
 def _size(color: np.ndarray) -> tuple[int, int]:

@@ -10,10 +10,10 @@ import tyro
 from rich.console import Console
 from rich.table import Table
 
-from objgraph.atomic import write_file
+from objgraph.atomic import check_place, write_file
 from objgraph.cli.map import load_scan_of
 from objgraph.cli.progress import progress
-from objgraph.cli.run_config import LIDAR_DATASETS, Source
+from objgraph.cli.run_config import LIDAR_DATASETS, Source, Topics
 from objgraph.errors import DatasetError
 from objgraph.sensor import Sensor, SensorConfig, measure_sensor
 
@@ -34,6 +34,8 @@ class SensorCommand:
     """Name of the scan; may be left out where there is only one."""
     trajectory: Path | None = None
     """Trajectory file in the TUM format in place of the data set's own; for folder, tum and bag."""
+    topic: Topics = field(default_factory=Topics)
+    """Of a bag, in place of guesses."""
     look: Annotated[SensorConfig, tyro.conf.arg(name="")] = field(default_factory=SensorConfig)
 
 
@@ -47,7 +49,10 @@ def run_sensor(command: SensorCommand, console: Console) -> Sensor:
         raise DatasetError(
             f"data set '{command.dataset}' is a LiDAR's: `objgraph sensor` looks at depth images"
         )
-    source = Source(command.dataset, command.root, command.scene, trajectory=command.trajectory)
+    check_place(command.out, DatasetError)
+    source = Source(
+        command.dataset, command.root, command.scene, trajectory=command.trajectory, topic=command.topic
+    )
     scan, _ = load_scan_of(source)
     with progress(console, transient=True) as tell:
         sensor = measure_sensor(scan.frames, command.look, tell)

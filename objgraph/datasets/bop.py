@@ -17,8 +17,8 @@ from jaxtyping import Float
 
 from objgraph.checked import numbers, whole
 from objgraph.datasets.files import (
+    ColorImages,
     LazyFrames,
-    decode_color,
     decode_depth,
     decode_instances,
     pick_folder,
@@ -68,12 +68,13 @@ def load(root: Path, scene: str | None = None, *, stride: int = 1) -> Scan:
     up_world, named = read_instances(own if own.is_file() else folder.resolve().parent / "instances.json")
     categories = {instance.id: instance.category for instance in named}
     views = _views(folder, categories, stride)
-    local = LazyFrames(list(views), lambda name: _frame(folder, name, views[name]))
+    colors = ColorImages()
+    local = LazyFrames(list(views), lambda name: _frame(folder, name, views[name], colors))
     ids, objects = _linked(local, views)
     instances = tuple(Instance(number, categories[obj]) for number, obj in objects.items())
 
     def read(name: str) -> Frame:
-        frame = _frame(folder, name, views[name])
+        frame = _frame(folder, name, views[name], colors)
         table = np.zeros(max(views[name].objects, default=-1) + 2, np.int32)
         for number in views[name].objects:
             table[number + 1] = ids.get((name, number), 0)
@@ -134,7 +135,7 @@ def _camera(entry: Any, origin: str) -> tuple[np.ndarray, np.ndarray, float]:
     return K, np.linalg.inv(pose), float(scale)
 
 
-def _frame(folder: Path, name: str, view: _View) -> Frame:
+def _frame(folder: Path, name: str, view: _View, colors: ColorImages) -> Frame:
     """With masks' numbers, from 1 on, for instances."""
     path = folder / "depth" / f"{name}.png"
     depth = decode_depth(read_bytes(path), path, view.units)
@@ -151,7 +152,7 @@ def _frame(folder: Path, name: str, view: _View) -> Frame:
         intrinsics=Intrinsics(view.K[0, 0], view.K[1, 1], view.K[0, 2], view.K[1, 2], width, height),
         T_world_camera=view.T_world_camera,
         instances=instances,
-        color=None if color is None else decode_color(read_bytes(color), color, depth.shape),
+        color=colors.read(color, depth.shape),
     )
 
 

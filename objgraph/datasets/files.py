@@ -20,6 +20,9 @@ log = logging.getLogger(__name__)
 
 MOST_PIXELS = 8 * 10**7
 """Of an image; what Pillow warns of is larger."""
+_ROUNDED = 0.02
+"""Share by which images of one view may differ in proportion."""
+_UNREADABLE = "{}: no readable image (PNG or JPEG; truncated or damaged); download or export it again"
 _INVALID_DEPTH = np.iinfo(np.uint16).max
 
 
@@ -69,12 +72,35 @@ def read_matrix(path: Path, rows: int, columns: int) -> np.ndarray:
     return matrix.reshape(rows, columns)
 
 
-def decode_color(
-    data: bytes, origin: object, shape: tuple[int, int] | None = None
-) -> UInt8[np.ndarray, "h w 3"]:
-    """RGB, resized to `shape` (height, width) where that is given and the colour camera has another resolution."""
-    color = cv2.cvtColor(_decode(data, origin, cv2.IMREAD_COLOR), cv2.COLOR_BGR2RGB).astype(np.uint8)
-    return color if shape is None else fitted(color, shape)
+class ColorImages:
+    """A scan's colour images, which are for display alone: one that cannot be used is None, and the first is warned of."""
+
+    def __init__(self) -> None:
+        self._warned = False
+
+    def read(self, path: Path | None, shape: tuple[int, int]) -> UInt8[np.ndarray, "h w 3"] | None:
+        """RGB as large as `shape` (height, width); None without a path, too."""
+        return None if path is None else self.made(lambda: decode_color(read_bytes(path), path), path, shape)
+
+    def made(
+        self, decode: Callable[[], UInt8[np.ndarray, "a b 3"]], origin: object, shape: tuple[int, int]
+    ) -> UInt8[np.ndarray, "h w 3"] | None:
+        """The same of what a function gives, which may raise `DatasetError`."""
+        try:
+            color = decode()
+            check_proportions("colour image", origin, (color.shape[0], color.shape[1]), shape)
+        except DatasetError as error:
+            if not self._warned:
+                log.warning("%s; colour is for display, and is not shown where it cannot be used", error)
+            self._warned = True
+            return None
+        return fitted(color, shape)
+
+
+def decode_color(data: bytes, origin: object) -> UInt8[np.ndarray, "h w 3"]:
+    """RGB, as it lies in the file: depth and masks know nothing of the turn that a camera notes beside it."""
+    flags = cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION
+    return cv2.cvtColor(_decode(data, origin, flags), cv2.COLOR_BGR2RGB).astype(np.uint8)
 
 
 def fitted(color: UInt8[np.ndarray, "a b 3"], shape: tuple[int, int]) -> UInt8[np.ndarray, "h w 3"]:
@@ -117,13 +143,23 @@ def decode_instances(data: bytes, origin: object, shape: tuple[int, int]) -> Int
 def fitted_ids(ids: np.ndarray, origin: object, shape: tuple[int, int]) -> Int[np.ndarray, "h w"]:
     """Instance ids as large as `shape`; see `decode_instances`."""
     if ids.shape != shape:
-        if abs(ids.shape[1] / ids.shape[0] * shape[0] / shape[1] - 1) > 0.02:
-            raise DatasetError(
-                f"{origin}: the mask is {ids.shape[1]}x{ids.shape[0]} pixels and the depth image "
-                f"{shape[1]}x{shape[0]}: other proportions, so not the same view"
-            )
+        check_proportions("mask", origin, (ids.shape[0], ids.shape[1]), shape)
         ids = cv2.resize(ids, shape[::-1], interpolation=cv2.INTER_NEAREST_EXACT)
     return ids.astype(np.int32)
+
+
+def same_proportions(shape: tuple[int, int], other: tuple[int, int]) -> bool:
+    """Whether heights and widths differ in proportion by no more than rounding does."""
+    return abs(shape[1] / shape[0] * other[0] / other[1] - 1) <= _ROUNDED
+
+
+def check_proportions(what: str, origin: object, shape: tuple[int, int], depth: tuple[int, int]) -> None:
+    """Raise `DatasetError` where an image (height, width) cannot be of the depth image's view."""
+    if not same_proportions(shape, depth):
+        raise DatasetError(
+            f"{origin}: the {what} is {shape[1]}x{shape[0]} pixels and the depth image "
+            f"{depth[1]}x{depth[0]}: other proportions, so not the same view"
+        )
 
 
 def rigid_or_reason(matrix: Float[np.ndarray, "4 4"]) -> Float[np.ndarray, "4 4"] | str:
@@ -180,7 +216,7 @@ def intrinsics_from(
         )
     if size is not None and size != (width, height):
         sx, sy = width / size[0], height / size[1]
-        if abs(sx / sy - 1) > 0.02:
+        if not same_proportions((height, width), (size[1], size[0])):
             raise DatasetError(
                 f"{origin}: the intrinsics are for {size[0]}x{size[1]} pixels, the images have {width}x{height}: "
                 "other proportions, so scaling cannot bring them together"
@@ -231,21 +267,27 @@ def check_pixels(width: int, height: int, origin: object) -> None:
         )
 
 
-def _decode(data: bytes, origin: object, flags: int) -> np.ndarray:
+def image_shape(file: Path | BytesIO, origin: object) -> tuple[int, int]:
+    """Height and width, as the file's head tells them; raises `DatasetError`."""
     try:
-        with Image.open(BytesIO(data), formats=("PNG", "JPEG")) as header:
-            check_pixels(*header.size, origin)
-        image = cv2.imdecode(np.frombuffer(data, np.uint8), flags)
+        with Image.open(file, formats=("PNG", "JPEG")) as header:
+            width, height = header.size
     except Image.DecompressionBombError as error:
         raise DatasetError(
             f"{origin}: {error}; at most {MOST_PIXELS} pixels are read: scale it down, or export it again"
         ) from error
-    except (OSError, ValueError, SyntaxError, cv2.error) as error:
-        if isinstance(error, DatasetError):
-            raise
+    except (OSError, ValueError, SyntaxError) as error:
+        raise DatasetError(_UNREADABLE.format(origin)) from error
+    check_pixels(width, height, origin)
+    return height, width
+
+
+def _decode(data: bytes, origin: object, flags: int) -> np.ndarray:
+    image_shape(BytesIO(data), origin)
+    try:
+        image = cv2.imdecode(np.frombuffer(data, np.uint8), flags)
+    except cv2.error:
         image = None
     if image is None:
-        raise DatasetError(
-            f"{origin}: no readable image (PNG or JPEG; truncated or damaged); download or export it again"
-        )
+        raise DatasetError(_UNREADABLE.format(origin))
     return image

@@ -15,7 +15,16 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
-from objgraph.datasets.files import LazyFrames, pick_folder, read_matrix, scan_folders, usable_poses
+from objgraph.datasets.files import (
+    LazyFrames,
+    check_proportions,
+    image_shape,
+    intrinsics_from,
+    pick_folder,
+    read_matrix,
+    scan_folders,
+    usable_poses,
+)
 from objgraph.datasets.folder_files import (
     Camera,
     FrameFiles,
@@ -66,14 +75,19 @@ def load(
     return build_scan(folder, files, camera, depth_scale, _MILLIMETRES)
 
 
-def frames_with_masks(folder: Path, masks: Path, trajectory: Path | None = None) -> LazyFrames:
-    """The frames whose masks lie in another folder, NAME.png each, before there is an `instances.json`.
+def frames_with_masks(folder: Path, masks: Mapping[str, Path], trajectory: Path | None = None) -> LazyFrames:
+    """The frames of these names that have a pose, before there is an `instances.json`; the masks may be written later.
 
     Raises:
-        DatasetError: see `load`.
+        DatasetError: see `load`; or images are of a size that is none for the camera, or for each other.
     """
-    found = {name: masks / f"{name}.png" for name in _stems(folder) if (masks / f"{name}.png").is_file()}
-    files, camera = _files(folder, list(found), found, trajectory, MAX_DIFFERENCE)
+    files, camera = _files(folder, list(masks), masks, trajectory, MAX_DIFFERENCE)
+    for paths in files.values():
+        height, width = image_shape(paths.depth, paths.depth)
+        intrinsics_from(camera.matrix, camera.origin, width, height, camera.size)
+        if paths.color is not None:  # masks are made as large as it is
+            shape = image_shape(paths.color, paths.color)
+            check_proportions("colour image", paths.color, shape, (height, width))
     return lazy_frames(folder, files, camera, None, _MILLIMETRES)
 
 
@@ -119,7 +133,8 @@ def _poses(
     if not labels:
         raise DatasetError(
             f"{path}: no line belongs to a frame: the frames are called {', '.join(names[:3])}, .., the lines begin "
-            f"with {', '.join(list(labelled)[:3])}, ..; begin each line with its frame's name"
+            f"with {', '.join(list(labelled)[:3])}, ..; begin each line with its frame's name, "
+            f"or with a time within {max_difference:g} s of a frame that is named by its own (in Python: max_difference)"
         )
     if len(labels) < len(names):
         lost = [name for name in names if name not in labels]

@@ -1,7 +1,8 @@
 """The files that users write beside their images: the camera, the objects and the masks of a scan."""
 
 import logging
-from collections.abc import Mapping, Sequence
+import re
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -11,8 +12,8 @@ from jaxtyping import Float, Int
 
 from objgraph.checked import direction, whole
 from objgraph.datasets.files import (
+    ColorImages,
     LazyFrames,
-    decode_color,
     decode_depth,
     decode_instances,
     fitted_ids,
@@ -27,6 +28,12 @@ from objgraph.observation.frames import Frame, Instance, Scan
 
 log = logging.getLogger(__name__)
 
+UNUSED_MASKS = "%s: %d masks have no depth image of their name: %s; the frames are called %s"
+"""A warning that the doctor takes for a fault."""
+_MASKS = (".png", ".json")
+_CAMERA_KEYS = ("fx", "fy", "cx", "cy", "width", "height", "depth_scale")
+_DISTORTION = re.compile(r"k[1-6]|p[12]|d|dist.*|coeffs")
+"""Names that files of other programs give a lens's distortion."""
 _CAMERA = '{"fx": 615.0, "fy": 615.0, "cx": 319.5, "cy": 239.5, "width": 640, "height": 480}'
 _INSTANCES = '{"up_world": [0, 0, 1], "instances": {"1": "chair", "2": "table"}}'
 
@@ -66,7 +73,7 @@ def camera_file(folder: Path) -> Path:
 def read_camera(path: Path) -> Camera:
     """The camera of a JSON file (`fx fy cx cy`, perhaps `width height depth_scale`) or of a text.
 
-    The text is `fx fy cx cy` or a 3x3 matrix. Raises `DatasetError` for anything else.
+    The text is `fx fy cx cy` or a 3x3 matrix. Raises `DatasetError` for anything else, and for distortion that is not zero.
     """
     if path.suffix != ".json":
         count = len(read_bytes(path).split())
@@ -81,9 +88,21 @@ def read_camera(path: Path) -> Camera:
         if size is not None and min(size) < 1:
             raise ValueError(f"{size[0]}x{size[1]} pixels")
         depth_scale = float(content["depth_scale"]) if "depth_scale" in content else None
+        _check_keys(content)
     except (KeyError, TypeError, ValueError) as error:
         raise DatasetError(f"{path}: no camera ({_reason(error)}); it must read like {_CAMERA}") from error
     return Camera(str(path), matrix, size, None if depth_scale is None else units_a_metre(depth_scale, path))
+
+
+def _check_keys(content: Mapping[str, Any]) -> None:
+    """Raise ValueError for what would be ignored: a depth scale under another name, distortion; zeros say nothing."""
+    for key in sorted(content.keys() - set(_CAMERA_KEYS)):
+        if _DISTORTION.fullmatch(key.lower()) is None:
+            raise ValueError(f"{key} is not known, there are {', '.join(_CAMERA_KEYS)}: take it out")
+        if np.asarray(content[key], dtype=float).any():
+            raise ValueError(
+                f"the lens distortion {key} is not corrected: undistort the images and take it out"
+            )
 
 
 def units_a_metre(depth_scale: float, origin: object) -> float:
@@ -120,32 +139,34 @@ def read_instances(
     return up, tuple(sorted(instances, key=lambda instance: instance.id))
 
 
-def mask_paths(folder: Path, candidates: Mapping[str, Sequence[str]]) -> dict[str, Path]:
+def mask_paths(
+    folder: Path, candidates: Mapping[str, Sequence[str]], others: Collection[str] = ()
+) -> dict[str, Path]:
     """Each frame's file in `masks/`, NAME.png or NAME.json: the first that exists of those that it may be named after.
 
-    Frames without one are left out with a warning: segmenting some of the frames is enough. Raises `DatasetError`
-    where there is no mask at all.
+    Frames without one are left out with a warning: segmenting some of the frames is enough. Masks of no frame are warned of,
+    too, but for those of `others`, images that have no depth. Raises `DatasetError` where there is no mask at all.
     """
     masks = folder / "masks"
     found: dict[str, Path] = {}
     for name, stems in candidates.items():
         path = next(
-            (
-                p
-                for p in (masks / f"{stem}{end}" for stem in stems for end in (".png", ".json"))
-                if p.is_file()
-            ),
+            (p for p in (masks / f"{stem}{end}" for stem in stems for end in _MASKS) if p.is_file()),
             None,
         )
         if path is not None:
             found[name] = path
     if not found:
         there = sorted(path.name for path in masks.iterdir()) if masks.is_dir() else []
-        have = f"masks/ has {', '.join(there[:3])}{', ...' * (len(there) > 3)}; " if there else ""
+        have = f"masks/ has {_few(there)}; " if there else ""
         raise DatasetError(
             f"{folder}: none of the {len(candidates)} depth images has a mask; {have}write masks/NAME.png with the depth "
             f"image's NAME (masks/{next(iter(candidates))}.png): one channel, 8 or 16 bit, a pixel's value is its object's id and 0 is none"
         )
+    known = {stem for stems in candidates.values() for stem in stems}.union(others)
+    unused = sorted(p.stem for p in masks.iterdir() if p.suffix in _MASKS and p.stem not in known)
+    if unused:
+        log.warning(UNUSED_MASKS, masks, len(unused), _few(unused), _few(list(candidates)))
     if len(found) < len(candidates):
         lost = len(candidates) - len(found)
         log.warning("%s: %d of %d frames have no mask and are left out", folder, lost, len(candidates))
@@ -186,6 +207,7 @@ def lazy_frames(
     if depth_scale is None:
         depth_scale = camera.depth_scale or usual_scale
     units = units_a_metre(depth_scale, folder)
+    colors = ColorImages()
 
     def read(name: str) -> Frame:
         paths = files[name]
@@ -198,10 +220,14 @@ def lazy_frames(
             intrinsics=intrinsics_from(camera.matrix, camera.origin, width, height, camera.size),
             T_world_camera=paths.T_world_camera,
             instances=read_masks(paths.masks, depth.shape),
-            color=None if color is None else decode_color(read_bytes(color), color, depth.shape),
+            color=colors.read(color, depth.shape),
         )
 
     return LazyFrames(list(files), read)
+
+
+def _few(names: Sequence[str]) -> str:
+    return ", ".join(names[:3]) + ", ..." * (len(names) > 3)
 
 
 def _matrix(fx: float, fy: float, cx: float, cy: float) -> Float[np.ndarray, "3 3"]:

@@ -9,8 +9,8 @@ from pathlib import Path
 
 from objgraph.datasets.boxes import INSTANCES, read_object_boxes, true_boxes
 from objgraph.datasets.files import (
+    ColorImages,
     LazyFrames,
-    decode_color,
     decode_depth,
     intrinsics_from,
     pick_folder,
@@ -41,9 +41,11 @@ def load(root: Path, scene: str | None = None, *, stride: int = 1) -> Scan:
         raise DatasetError(f"stride {stride}: must be 1 or more")
     folder = pick_folder(root, "depth", scene)
     objects = read_object_boxes(folder / INSTANCES)
-    names = sorted(path.stem for path in (folder / "depth").glob("*.png"))[::stride]
+    stems = (path.stem for path in (folder / "depth").glob("*.png"))
+    names = sorted(stems, key=lambda name: (len(name), name))[::stride]
     poses = usable_poses(names, lambda name: read_matrix(folder / "pose" / f"{name}.txt", 4, 4), folder)
     camera = read_matrix(folder / "intrinsics.txt", 3, 3)
+    colors = ColorImages()
 
     def read(name: str) -> Frame:
         path = folder / "depth" / f"{name}.png"
@@ -58,7 +60,7 @@ def load(root: Path, scene: str | None = None, *, stride: int = 1) -> Scan:
             intrinsics=intrinsics,
             T_world_camera=poses[name],
             instances=objects.masks(depth, intrinsics, poses[name]),
-            color=None if color is None else decode_color(read_bytes(color), color, (height, width)),
+            color=colors.read(color, (height, width)),
         )
 
     return Scan(folder.resolve().name, LazyFrames(list(poses), read), objects.instances, objects.up_world)

@@ -64,7 +64,7 @@ def read_velodyne(path: Path) -> Float[np.ndarray, "n 3"]:
     """Returns in the LiDAR's own axes, metres, those that are not finite left out.
 
     Raises:
-        DatasetError: the file is missing, empty, or no whole number of returns.
+        DatasetError: the file is missing, no whole number of returns, or has none that is finite.
     """
     data = read_bytes(path)
     if not data:
@@ -74,8 +74,15 @@ def read_velodyne(path: Path) -> Float[np.ndarray, "n 3"]:
             f"{path}: {len(data)} bytes are no whole number of returns of 16 bytes (x, y, z, reflectance as "
             "float32); the file is truncated or of another format"
         )
-    points = np.frombuffer(data, dtype="<f4").reshape(-1, 4)[:, :3].astype(float)
-    return points[np.isfinite(points).all(axis=1)]
+    return finite_returns(np.frombuffer(data, dtype="<f4").reshape(-1, 4)[:, :3].astype(float), path)
+
+
+def finite_returns(points: Float[np.ndarray, "n 3"], path: Path) -> Float[np.ndarray, "m 3"]:
+    """Those that are; raises DatasetError where none is."""
+    finite = points[np.isfinite(points).all(axis=1)]
+    if not len(finite):
+        raise DatasetError(f"{path}: no return is finite; export the scan again, or leave the frame out")
+    return finite
 
 
 def _box(words: list[str], where: str) -> KittiBox:
@@ -87,13 +94,18 @@ def _box(words: list[str], where: str) -> KittiBox:
         numbers = np.array([float(word) for word in words[1:]])
     except ValueError as error:
         raise DatasetError(f"{where}: {error}; the columns after the type must be numbers") from error
+    if not np.isfinite(numbers).all():
+        column = int(np.flatnonzero(~np.isfinite(numbers))[0]) + 1
+        raise DatasetError(
+            f"{where}: column {column + 1} is {words[column]}, no number; mend or delete the line"
+        )
     truncation, occlusion, _, *rest = numbers
     height, width, length = rest[4:7]
     box = KittiBox(
         words[0], truncation, int(occlusion), np.array(rest[:4]), height, width, length, np.array(rest[7:10]),
         rest[10], rest[11] if len(rest) > 11 else None,
     )  # fmt: skip
-    if box.type != DONT_CARE and not (np.isfinite(numbers).all() and (box.size > 0).all()):
+    if box.type != DONT_CARE and not (box.size > 0).all():
         raise DatasetError(f"{where}: a {box.type} with edges {box.size} m is no box; delete the line")
     return box
 

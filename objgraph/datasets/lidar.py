@@ -18,7 +18,7 @@ from jaxtyping import Float
 from objgraph.checked import numbers
 from objgraph.datasets.files import pick_folder, read_bytes, read_json, scan_folders
 from objgraph.datasets.kitti import VELODYNE_AXES
-from objgraph.datasets.kitti_files import read_velodyne
+from objgraph.datasets.kitti_files import finite_returns, read_velodyne
 from objgraph.datasets.pcd import parse_pcd
 from objgraph.errors import DatasetError
 from objgraph.geometry.mesh_data import parse_points
@@ -64,7 +64,7 @@ def _points(folder: Path) -> Float[np.ndarray, "n 3"]:
         points = parse_pcd(data) if path.suffix == ".pcd" else parse_points(data, "ply")
     except ValueError as error:
         raise DatasetError(f"{path}: no readable points ({error}); export the scan again") from error
-    return points[np.isfinite(points).all(axis=1)]
+    return finite_returns(points, path)
 
 
 def _detection(number: int, box: Any, path: Path) -> Detection:

@@ -12,6 +12,9 @@ from objgraph.checked import whole
 from objgraph.datasets.files import MOST_PIXELS, read_json
 from objgraph.errors import DatasetError
 
+_SLACK_PIXELS, _SLACK = 2, 0.02
+"""By how many pixels, or which share of the image, a polygon may reach beyond it, as annotators' do."""
+
 
 def read_mask_json(path: Path, shape: tuple[int, int]) -> UInt16[np.ndarray, "h w"]:
     """Ids of `[{"segmentation": .., "instance_id": 1}, ..]`, 0 for none; a smaller mask lies over a larger one.
@@ -96,7 +99,14 @@ def _polygons(polygons: Any, shape: tuple[int, int]) -> Bool[np.ndarray, "h w"]:
     corners = [np.array(polygon, float).reshape(-1, 2) for polygon in polygons]
     if not corners or any(len(each) < 3 or not np.isfinite(each).all() for each in corners):
         raise ValueError("a polygon has three corners or more")
+    edges = np.array(shape[::-1])
+    slack = np.maximum(_SLACK_PIXELS, _SLACK * edges)
+    for each in corners:
+        if ((each < -slack) | (each > edges + slack)).any():
+            raise ValueError(
+                f"a corner lies outside of {shape[1]}x{shape[0]} pixels: scale polygons to the depth image"
+            )
     image = np.zeros(shape, np.uint8)
     for each in corners:  # one after another: together, what two cover would be left out
-        cv2.fillPoly(image, [np.round(each).clip(-(2**15), 2**15).astype(np.int32)], 1)
+        cv2.fillPoly(image, [np.round(each).astype(np.int32)], 1)
     return image > 0

@@ -17,8 +17,8 @@ from jaxtyping import Float
 
 from objgraph.checked import inside
 from objgraph.datasets.files import (
+    ColorImages,
     LazyFrames,
-    decode_color,
     decode_depth,
     intrinsics_from,
     pick_folder,
@@ -69,10 +69,12 @@ def load(root: Path, scene: str | None = None, *, stride: int = 1) -> Scan:
     folder = pick_folder(root, _FILE, scene)
     content, units = _content(folder / _FILE)
     entries = _entries(folder, content)
-    masks = mask_paths(folder, {name: (name, entry.depth.stem) for name, entry in entries.items()})
+    others = [Path(str(frame.get("file_path"))).stem for frame in content["frames"]]
+    masks = mask_paths(folder, {name: (name, entry.depth.stem) for name, entry in entries.items()}, others)
     names = list(masks)[::stride]
     poses = usable_poses(names, lambda name: _pose(entries[name].matrix, f"{folder / _FILE}: {name}"), folder)
     up_world, instances = read_instances(folder / "instances.json", _Z_UP)
+    colors = ColorImages()
 
     def read(name: str) -> Frame:
         entry, camera = entries[name], entries[name].camera
@@ -85,7 +87,7 @@ def load(root: Path, scene: str | None = None, *, stride: int = 1) -> Scan:
             intrinsics=intrinsics_from(camera.matrix, camera.origin, width, height, camera.size),
             T_world_camera=poses[name],
             instances=read_masks(masks[name], depth.shape),
-            color=None if color is None else decode_color(read_bytes(color), color, depth.shape),
+            color=colors.read(color, depth.shape),
         )
 
     return Scan(folder.resolve().name, LazyFrames(list(poses), read), instances, up_world)

@@ -14,7 +14,7 @@ from jaxtyping import Float, UInt8
 
 from objgraph.checked import whole
 from objgraph.datasets.files import (
-    decode_color,
+    ColorImages,
     decode_depth,
     intrinsics_from,
     read_bytes,
@@ -45,7 +45,7 @@ class Recording(Protocol):
         ...
 
     def color(self, name: str, shape: tuple[int, int]) -> UInt8[np.ndarray, "h w 3"] | None:
-        """RGB at the depth's resolution; None where the scan has none."""
+        """RGB at the depth's resolution; None where the scan has none that can be used."""
         ...
 
     def intrinsics(self, shape: tuple[int, int]) -> Intrinsics:
@@ -60,6 +60,7 @@ class ExportedRecording:
         self.folder = folder
         depth = {path.stem for path in (folder / "depth").glob("*.png")}
         self.names = sorted(depth, key=lambda name: (len(name), name))
+        self._colors = ColorImages()
 
     def pose(self, name: str) -> Float[np.ndarray, "4 4"]:
         return read_matrix(self.folder / "pose" / f"{name}.txt", 4, 4)
@@ -73,7 +74,7 @@ class ExportedRecording:
 
     def color(self, name: str, shape: tuple[int, int]) -> UInt8[np.ndarray, "h w 3"] | None:
         path = self.folder / "color" / f"{name}.jpg"
-        return decode_color(read_bytes(path), path, shape) if path.is_file() else None
+        return self._colors.read(path if path.is_file() else None, shape)
 
     def intrinsics(self, shape: tuple[int, int]) -> Intrinsics:
         return intrinsics_from(self._camera, self._camera_path, shape[1], shape[0], self._size)
@@ -114,6 +115,7 @@ class SensRecording:
     def __init__(self, path: Path) -> None:
         self.file = SensFile(path)
         self.names = [str(k) for k in range(len(self.file))]
+        self._colors = ColorImages()
 
     def pose(self, name: str) -> Float[np.ndarray, "4 4"]:
         return self.file.pose(int(name))
@@ -121,8 +123,9 @@ class SensRecording:
     def depth(self, name: str) -> Float[np.ndarray, "h w"]:
         return self.file.depth(int(name))
 
-    def color(self, name: str, shape: tuple[int, int]) -> UInt8[np.ndarray, "h w 3"]:
-        return self.file.color(int(name), shape)
+    def color(self, name: str, shape: tuple[int, int]) -> UInt8[np.ndarray, "h w 3"] | None:
+        origin = f"{self.file.path}: frame {name}"
+        return self._colors.made(lambda: self.file.color(int(name)), origin, shape)
 
     def intrinsics(self, shape: tuple[int, int]) -> Intrinsics:
         header = self.file.header

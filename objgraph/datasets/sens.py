@@ -94,11 +94,11 @@ class SensFile:
             )
         return metric_depth(np.frombuffer(data, "<u2").reshape(height, width), self.header.depth_shift)
 
-    def color(self, index: int, shape: tuple[int, int]) -> UInt8[np.ndarray, "h w 3"]:
-        """RGB, resized to `shape` (height, width)."""
+    def color(self, index: int) -> UInt8[np.ndarray, "h w 3"]:
+        """RGB, as large as it was recorded."""
         entry = self._entries[index]
         data = self._read(entry.offset, entry.color_bytes, index)
-        return decode_color(data, f"{self.path}: frame {index}", shape)
+        return decode_color(data, f"{self.path}: frame {index}")
 
     def _read(self, offset: int, count: int, index: int) -> bytes:
         try:

@@ -11,8 +11,8 @@ from pathlib import Path
 
 from objgraph.datasets.boxes import FLOOR_MARGIN, INSTANCES, read_object_boxes, true_boxes
 from objgraph.datasets.files import (
+    ColorImages,
     LazyFrames,
-    decode_color,
     decode_depth,
     intrinsics_from,
     pick_scene,
@@ -56,6 +56,7 @@ def load(
     names = sorted(path.name.split(".")[0] for path in folder.glob("frame-*.depth.png"))[::stride]
     poses = usable_poses(names, lambda name: read_matrix(folder / f"{name}.pose.txt", 4, 4), folder)
     camera = read_matrix(folder / "camera-intrinsics.txt", 3, 3)
+    colors = ColorImages()
 
     def read(name: str) -> Frame:
         path = folder / f"{name}.depth.png"
@@ -72,7 +73,7 @@ def load(
             intrinsics=intrinsics,
             T_world_camera=poses[name],
             instances=instances,
-            color=None if color is None else decode_color(read_bytes(color), color, (height, width)),
+            color=colors.read(color, (height, width)),
         )
 
     return Scan(folder.name, LazyFrames(list(poses), read), objects.instances, objects.up_world)

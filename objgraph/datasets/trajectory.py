@@ -86,7 +86,7 @@ def numbered_words(path: Path) -> Iterator[tuple[int, list[str]]]:
     Raises `DatasetError` where the file cannot be read.
     """
     try:
-        text = path.read_text(encoding="utf-8", errors="replace")
+        text = path.read_text(encoding="utf-8-sig", errors="replace")
     except OSError as error:
         raise DatasetError(f"{path}: cannot be read ({error.strerror}); is it the right folder?") from error
     for number, line in enumerate(text.splitlines(), 1):

@@ -69,12 +69,17 @@ def load(
     folder = pick_folder(root, "depth.txt", scene)
     camera = _camera(folder, intrinsics)
     depth = _read_list(folder / "depth.txt")
-    colors = _colors(folder, depth, max_difference)
+    images = _read_list(folder / "rgb.txt") if (folder / "rgb.txt").is_file() else {}
+    colors = _colors(images, depth, max_difference)
     stems = {
         time: (path.stem, colors[time].stem) if time in colors else (path.stem,)
         for time, path in depth.items()
     }
-    masks = mask_paths(folder, {depth[time].stem: names for time, names in stems.items()})
+    masks = mask_paths(
+        folder,
+        {depth[time].stem: names for time, names in stems.items()},
+        [path.stem for path in images.values()],
+    )
     path = trajectory or folder / "groundtruth.txt"
     if trajectory is None and not path.is_file():
         raise DatasetError(f"{folder}: no groundtruth.txt; give the option trajectory (--trajectory FILE)")
@@ -118,11 +123,8 @@ def _read_list(path: Path) -> dict[float, Path]:
     return dict(sorted(images.items()))
 
 
-def _colors(folder: Path, depth: dict[float, Path], max_difference: float) -> dict[float, Path]:
-    """The colour image of each depth image that has one; none where there is no `rgb.txt`."""
-    if not (folder / "rgb.txt").is_file():
-        return {}
-    colors = _read_list(folder / "rgb.txt")
+def _colors(colors: dict[float, Path], depth: dict[float, Path], max_difference: float) -> dict[float, Path]:
+    """The colour image of each depth image that has one."""
     times, color_times = list(depth), list(colors)
     pairs = associate(np.array(times), np.array(color_times), max_difference)
     return {times[i]: colors[color_times[k]] for i, k in pairs}

@@ -1,9 +1,12 @@
 """Checks of depth and camera: unit, range, field of view."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from objgraph.doctor.section import Finding, Section
-from objgraph.doctor.seen import Seen, SeenFrame
+from objgraph.doctor.seen import Seen
+from objgraph.observation.frames import Intrinsics
 
 MEDIAN_M = (0.1, 20.0)
 """Median depth of a scan of objects, metres: a hand away to the width of a hall; another unit is a factor of ten off."""
@@ -41,26 +44,59 @@ def examine_depth(seen: Seen) -> Section:
 
 
 def examine_camera(seen: Seen) -> Section:
-    """The intrinsics against the images that they are for."""
-    by_camera: dict[str, list[SeenFrame]] = {}
+    """The intrinsics against the images that they are for; frames may have cameras of their own."""
+    by_size: dict[tuple[int, int], list[Intrinsics]] = {}
     for frame in seen.frames:
-        by_camera.setdefault(repr(frame.intrinsics), []).append(frame)
-    rows, findings = [], []
-    for frames in by_camera.values():
-        K = frames[0].intrinsics
-        width, height = (2 * np.degrees(np.arctan(n / 2 / f)) for n, f in ((K.width, K.fx), (K.height, K.fy)))
-        off = (K.cx - (K.width - 1) / 2) / K.width, (K.cy - (K.height - 1) / 2) / K.height
-        rows += [
-            ("images", f"{len(frames)} of {K.width}x{K.height} pixels"),
-            ("intrinsics", f"fx {K.fx:.1f}, fy {K.fy:.1f}, cx {K.cx:.1f}, cy {K.cy:.1f}"),
-            ("field of view", f"{width:.0f} x {height:.0f} degrees"),
-            ("principal point", f"{off[0]:+.1%} of the width, {off[1]:+.1%} of the height from the middle"),
-        ]
-        do = "use the intrinsics of the camera that took these images, with the width and height that they are for"
-        if not FIELD_OF_VIEW_DEG[0] <= max(width, height) <= FIELD_OF_VIEW_DEG[1]:
-            what = f"a field of view of {max(width, height):.0f} degrees is no usual camera's"
-            findings.append(Finding("intrinsics", what, do))
-        if abs(np.log(K.fx / K.fy)) > np.log1p(SQUARE):
-            what = f"fx {K.fx:.1f} and fy {K.fy:.1f} differ: the matrix is for images of other proportions"
-            findings.append(Finding("intrinsics", what, do))
+        K = frame.intrinsics
+        by_size.setdefault((K.width, K.height), []).append(K)
+    rows = [row for cameras in by_size.values() for row in _camera_rows(cameras)]
+    cameras = [frame.intrinsics for frame in seen.frames]
+    unusual = [
+        max(fov)
+        for fov in map(_field_of_view, cameras)
+        if not FIELD_OF_VIEW_DEG[0] <= max(fov) <= FIELD_OF_VIEW_DEG[1]
+    ]
+    uneven = [K for K in cameras if abs(np.log(K.fx / K.fy)) > np.log1p(SQUARE)]
+    do = (
+        "use the intrinsics of the camera that took these images, with the width and height that they are for"
+    )
+    findings = []
+    if unusual:
+        what = f"a field of view of {_span(unusual, '.0f')} degrees is no usual camera's"
+        findings.append(Finding("intrinsics", what + _of(len(unusual), cameras), do))
+    if uneven:
+        sides = f"fx {_span([K.fx for K in uneven], '.1f')} and fy {_span([K.fy for K in uneven], '.1f')}"
+        what = f"{sides} differ: the matrix is for images of other proportions"
+        findings.append(Finding("intrinsics", what + _of(len(uneven), cameras), do))
     return Section("Camera", tuple(rows), tuple(findings))
+
+
+def _camera_rows(cameras: Sequence[Intrinsics]) -> list[tuple[str, str]]:
+    """Of cameras whose images are of one size."""
+    width, height = cameras[0].width, cameras[0].height
+    K = {name: _span([getattr(each, name) for each in cameras], ".1f") for name in ("fx", "fy", "cx", "cy")}
+    across, down = (_span(values, ".0f") for values in zip(*map(_field_of_view, cameras), strict=True))
+    right = _span([(each.cx - (width - 1) / 2) / width for each in cameras], "+.1%")
+    below = _span([(each.cy - (height - 1) / 2) / height for each in cameras], "+.1%")
+    return [
+        ("images", f"{len(cameras)} of {width}x{height} pixels"),
+        ("intrinsics", ", ".join(f"{name} {value}" for name, value in K.items())),
+        ("field of view", f"{across} x {down} degrees"),
+        ("principal point", f"{right} of the width, {below} of the height from the middle"),
+    ]
+
+
+def _field_of_view(K: Intrinsics) -> tuple[float, float]:
+    """Across and down, degrees."""
+    across, down = (2 * np.degrees(np.arctan(n / 2 / f)) for n, f in ((K.width, K.fx), (K.height, K.fy)))
+    return float(across), float(down)
+
+
+def _span(values: Sequence[float], form: str) -> str:
+    low, high = (format(value, form) for value in (min(values), max(values)))
+    return low if low == high else f"{low} to {high}"
+
+
+def _of(count: int, cameras: Sequence[Intrinsics]) -> str:
+    """How many frames, where it is not all."""
+    return "" if count == len(cameras) else f" (in {count} of {len(cameras)} frames)"

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from objgraph.datasets.files import pick_folder
+from objgraph.datasets.folder_files import UNUSED_MASKS
 from objgraph.datasets.registry import load_scan
 from objgraph.doctor.images import examine_camera, examine_depth
 from objgraph.doctor.objects import examine_objects
@@ -19,7 +19,7 @@ from objgraph.doctor.up import examine_up
 from objgraph.errors import ObjectGraphError
 from objgraph.observation.frames import Scan
 
-_NAMED = ("folder", "tum")
+_NAMED = ("bag", "folder", "nerfstudio", "tum")
 """Data sets whose masks hold what the user named, and nothing else."""
 
 
@@ -49,10 +49,8 @@ def examine_scan(
             scan = load_scan(dataset, root, scene, **options)
             seen = look(scan, progress)
         except ObjectGraphError as error:
-            return Examined((Section("Frames", findings=(*_left_out(warned), Finding.of(error, str(root)))),))
-    files = [*_left_out(warned), *seen.findings, *_without_depth(seen)]
-    if dataset == "folder":
-        files += _unused_masks(root, scene, scan)
+            return Examined((Section("Frames", findings=(*_told(warned), Finding.of(error, str(root)))),))
+    files = [*_told(warned), *seen.findings, *_without_depth(seen)]
     rows = (("scan", scan.name), ("frames", f"{len(seen.frames)} of {len(scan.frames)} can be read"))
     first = Section("Frames", rows, tuple(files))
     if not seen.frames:
@@ -97,15 +95,22 @@ def _warnings() -> Iterator[list[logging.LogRecord]]:
         loaders.propagate = propagated
 
 
-def _left_out(warned: list[logging.LogRecord]) -> list[Finding]:
-    """Loaders warn of frames that they leave out; one finding for each kind of warning."""
+def _told(warned: list[logging.LogRecord]) -> list[Finding]:
+    """What loaders warn of, above all of frames that they leave out; one finding for each kind of warning."""
     counts = Counter(record.msg for record in warned)
     findings = []
     for message, count in counts.items():
         first = next(record for record in warned if record.msg == message).getMessage()
         more = f" (and {count - 1} more such frames)" if count > 1 else ""
-        do = "nothing, where these frames are not meant to be used; else write what is missing"
-        findings.append(Finding("frames", first + more, do, note=True))
+        left_out, unused = "left out" in message and "frame" in message, message == UNUSED_MASKS
+        do = (
+            "nothing, where these frames are not meant to be used; else write what is missing"
+            if left_out
+            else ""
+        )
+        if unused:
+            do = "name each mask as its depth image"
+        findings.append(Finding("masks" if unused else "frames", first + more, do, note=not unused))
     return findings
 
 
@@ -115,14 +120,3 @@ def _without_depth(seen: Seen) -> list[Finding]:
         return []
     what = f"{len(empty)} of {len(seen.frames)} frames have no depth: {listed(empty)}"
     return [Finding("frames", what, "write their depth, or remove these frames")]
-
-
-def _unused_masks(root: Path, scene: str | None, scan: Scan) -> list[Finding]:
-    """Masks that no frame is called as."""
-    folder = pick_folder(root, "depth", scene)
-    depth = {path.stem for path in (folder / "depth").glob("*.png")}
-    unused = sorted(path.stem for path in (folder / "masks").glob("*.png") if path.stem not in depth)
-    if not unused:
-        return []
-    what = f"{len(unused)} masks have no depth image of their name: {listed(unused)}; the frames are called {listed(list(scan.frames.names))}"
-    return [Finding(str(folder / "masks"), what, "name each mask as its depth image")]

@@ -54,8 +54,8 @@ class ObjectMap:
         """Write `map.json`, and for each object its mesh (GLB, world frame; coloured by sigma, its attribute `_SIGMA`) and its
         joint covariance (safetensors).
 
-        Over an existing map this is one step: whoever reads sees the old map or the new one. Vertices and
-        their sigma are stored in single precision.
+        Over an existing map a kill at any moment leaves the old map or the new one. Who reads meanwhile may miss files
+        that the old one named. Vertices and their sigma are stored in single precision.
 
         Raises:
             MapError: the folder cannot be written.

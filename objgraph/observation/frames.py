@@ -126,7 +126,7 @@ class Scan:
     """Unit vector against gravity, in the world frame."""
 
     def __post_init__(self) -> None:
-        """Raises ObservationError where it is no scan, or `up_world` has no direction."""
+        """Raises ObservationError where it is no scan, two instances share an id, or `up_world` has no direction."""
         where = f"scan {checks.text('the name of a scan', self.name, ObservationError)}"
         checks.instance(f"{where}: frames", self.frames, FrameSource, ObservationError)
         object.__setattr__(
@@ -134,6 +134,9 @@ class Scan:
             "instances",
             checks.tuple_of(f"{where}: instances", self.instances, Instance, ObservationError),
         )
+        ids = [each.id for each in self.instances]
+        if repeated := sorted({i for i in ids if ids.count(i) > 1}):
+            raise ObservationError(f"{where}: several instances have the id {repeated[0]}; give each its own")
         up = checks.direction(f"{where}: up_world", self.up_world, ObservationError)
         object.__setattr__(self, "up_world", up)
 

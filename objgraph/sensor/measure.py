@@ -12,7 +12,16 @@ from objgraph.errors import ConfigError, DatasetError
 from objgraph.observation.frames import FrameSource
 from objgraph.observation.sampling import SamplingConfig, SensorNoise, rigid_pose
 from objgraph.sensor.depth_noise import fitted_noise, patch_offsets
-from objgraph.sensor.registration import OVERLAP, Cloud, Pair, cloud_of, parts, registered, together
+from objgraph.sensor.registration import (
+    MAX_DEPTH,
+    OVERLAP,
+    Cloud,
+    Pair,
+    cloud_of,
+    parts,
+    registered,
+    together,
+)
 
 _CHI_3 = 1.5382
 """Median length of a vector of three standard normal variables."""
@@ -79,16 +88,24 @@ def measure_sensor(
     config = checks.settings_or_default(config, SensorConfig, ConfigError)
     tell = progress or (lambda what, done, total: None)
     chosen = np.unique(np.linspace(0, len(frames) - 1, min(config.frames, len(frames))).astype(int))
-    clouds, poses = [], []
+    clouds, poses, close = [], [], []
     for k, index in enumerate(chosen):
         frame = frames[int(index)]
-        poses.append(rigid_pose(frame, f"frame {frame.name}").matrix())
-        clouds.append(cloud_of(frame))
+        known = np.isfinite(frame.depth) & (frame.depth > 0)
+        close.append(frame.depth[known] < MAX_DEPTH)
+        if (cloud := cloud_of(frame)) is not None:
+            poses.append(rigid_pose(frame, f"frame {frame.name}").matrix())
+            clouds.append(cloud)
         tell("reading frames", k + 1, len(chosen))
-    clouds, T_world_camera, pairs = _connected(clouds, np.stack(poses), config, tell)
+    T_world_camera, pairs = np.reshape(poses, (-1, 4, 4)), []
+    if clouds:
+        clouds, T_world_camera, pairs = _connected(clouds, T_world_camera, config, tell)
     if len(pairs) < _ENOUGH_PAIRS:
+        within = np.concatenate(close)
         raise DatasetError(
-            f"{len(pairs)} pairs of {len(chosen)} frames overlap by {OVERLAP:.0%}, {_ENOUGH_PAIRS} are due: look at more frames (--frames)"
+            f"{len(pairs)} pairs of {len(chosen)} frames overlap by {OVERLAP:.0%}, {_ENOUGH_PAIRS} are due: look at more frames "
+            f"(--frames), or from nearer: {within.mean() if len(within) else 0:.0%} of the depth is within {MAX_DEPTH} m, "
+            "which alone counts"
         )
     offsets = np.concatenate(
         [patch_offsets(pair, clouds, SamplingConfig().correlation_length) for pair in pairs]

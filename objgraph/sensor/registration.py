@@ -38,13 +38,18 @@ class Pair:
     T_j_i: Float[np.ndarray, "4 4"]
 
 
-def cloud_of(frame: Frame) -> Cloud:
-    """Its points in the camera, but those at the border of something: these are between surfaces."""
+def cloud_of(frame: Frame) -> Cloud | None:
+    """Its points in the camera within `MAX_DEPTH`, but those at the border of something: these are between surfaces.
+
+    None where there is none.
+    """
     import open3d as o3d  # slow
 
     known = np.isfinite(frame.depth) & (frame.depth > 0) & (frame.depth < MAX_DEPTH)
     slope = np.hypot(*np.gradient(np.where(known, frame.depth, np.nan)))
     v, u = np.nonzero(known & (slope < _STEEP))
+    if not len(v):
+        return None
     points = frame.intrinsics.backproject(u, v) * frame.depth[v, u, None]
     cloud = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(points)).voxel_down_sample(_VOXEL)
     cloud.estimate_normals(o3d.geometry.KDTreeSearchParamHybrid(4 * _VOXEL, 30))

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from objgraph.atomic import UNFINISHED, new_file, write_file, write_folder
+from objgraph.atomic import UNFINISHED, check_place, new_file, write_file, write_folder
 from objgraph.errors import DatasetError, MapError, OutputError
 
 
@@ -49,6 +49,18 @@ def test_a_file_in_place_of_a_folder_is_named(tmp_path):
         write_file(tmp_path / "file" / "b.txt", b"")
     with pytest.raises(DatasetError, match="file/b: the folder cannot be written"):
         write_folder(tmp_path / "file" / "b", lambda folder: None)
+
+
+def test_asking_whether_a_place_can_be_written_changes_nothing(tmp_path):
+    (tmp_path / "file").touch()
+    before = tmp_path.stat().st_mtime_ns
+    check_place(tmp_path / "file")
+    check_place(tmp_path / "new" / "below" / "a.txt")
+    for path in (tmp_path, tmp_path / "file" / "b.txt", tmp_path / (400 * "9") / "b.txt"):
+        with pytest.raises(MapError, match=f"{path}: cannot be written"):
+            check_place(path, MapError)
+    assert names(tmp_path) == ["file"]
+    assert tmp_path.stat().st_mtime_ns == before
 
 
 def test_the_next_write_removes_what_a_kill_left_and_nothing_else(tmp_path):

@@ -34,6 +34,7 @@ def test_every_document_comes_back(document, encoding):
         (b"{", "Expecting"),
         (b"\xff\xfe\xff", "decode"),
         (b"[1e400]", "not finite"),
+        (b'[{"a": 1, "b": 2, "a": 1}]', "'a' is there twice"),
         (b"[NaN]", "not finite"),
         (b"[-Infinity]", "not finite"),
         (b"1" + b"0" * 400, "more than 64 bits"),

@@ -25,6 +25,7 @@ from objgraph.datasets.files import (
     fitted,
     intrinsics_from,
     pick_scene,
+    same_proportions,
 )
 from objgraph.datasets.folder_files import Camera, mask_paths, read_instances, read_masks
 from objgraph.datasets.trajectory import interpolate, read_tum
@@ -162,7 +163,7 @@ class Recording:
             first, last = next(iter(masks)), list(masks)[-1]
             raise DatasetError(
                 f"{self.bag.path}: none of the {len(masks)} frames with masks, from {first} to {last} s, lies between "
-                "two poses that are near enough in time (max_difference)"
+                "two poses that are near enough in time (in Python: max_difference)"
             )
         if len(names) < len(masks):
             lost = len(masks) - len(names)
@@ -181,7 +182,7 @@ class Recording:
         depth = depth_of(self.bag.message(self.topics.depth, self.depth[name]), origin)
         height, width = depth.shape
         color = self.color(name)
-        if color is not None and abs(color.shape[1] / color.shape[0] * height / width - 1) > 0.02:
+        if color is not None and not same_proportions((color.shape[0], color.shape[1]), (height, width)):
             raise DatasetError(
                 f"{origin}: {width}x{height} pixels, and its colour {color.shape[1]}x{color.shape[0]}: other proportions, "
                 "so not one view; name the topic of depth that is registered to colour (--topic.depth)"

@@ -177,7 +177,8 @@ def test_who_stops_it_is_told_what_is_kept(monkeypatch, capsys):
     def stopped(arguments, console):
         raise KeyboardInterrupt
 
-    for verb, kept in (("train", "the same command goes on from here"), ("map", "nothing is half-written")):
+    goes_on, whole = "the same command goes on from here", "nothing is half-written"
+    for verb, kept in (("train", goes_on), ("map", whole), ("segment", whole)):
         monkeypatch.setitem(VERBS, verb, stopped)
         assert main([verb]) == 130
         assert capsys.readouterr().err == f"stopped; {kept}\n"

@@ -1,11 +1,16 @@
 """`objgraph doctor`: what it prints, its exit status and its picture."""
 
 import json
+import re
 import shutil
 
 import pytest
 
+from objgraph.cli import map as cli_map
 from objgraph.cli.main import main
+from objgraph.doctor import scan as doctor_scan
+from objgraph.errors import OutputError
+from objgraph.show import doctor_picture
 from tests.objgraph.doctor.doctor_cases import FRAMES, edit, write_healthy_folder
 
 
@@ -83,6 +88,7 @@ def test_another_trajectory_is_looked_at(folder, tmp_path, capsys):
         (["--dataset", "scannet"], "data set 'scannet': --root must name its folder"),
         (["--out", "x"], "data set 'folder': --root must name its folder"),
         (["--dataset", "kitti", "--root", "x", "--out", "x"], "there is no picture of a LiDAR's scan"),
+        (["--dataset", "kitti", "--root", "x", "--topic.pose", "/tf"], "no --trajectory and no --topic"),
     ],
 )
 def test_options_that_do_not_go_together(arguments, message, capsys):
@@ -94,6 +100,29 @@ def test_a_picture_that_cannot_be_written_is_one_line(healthy, tmp_path, capsys)
     (tmp_path / "file").write_text(json.dumps({}))
     assert main(["doctor", "--root", str(healthy), "--out", str(tmp_path / "file")]) == 1
     assert "doctor.png: cannot be written" in capsys.readouterr().err
+
+
+def test_where_the_picture_fails_the_rest_is_told(healthy, tmp_path, monkeypatch, capsys):
+    def full(*arguments):
+        raise OutputError("doctor.png: cannot be written (No space left on device)")
+
+    monkeypatch.setattr(doctor_picture, "doctor_picture", full)
+    assert main(["doctor", "--root", str(healthy), "--out", str(tmp_path / "out")]) == 1
+    printed = capsys.readouterr().out
+    assert f"{FRAMES} of {FRAMES} can be read" in printed
+    assert "doctor.png: cannot be written (No space left on device)" in printed
+    assert printed.endswith("1 wrong\n")
+
+
+@pytest.mark.parametrize("verb", ["doctor", "map", "sensor"])
+def test_where_it_cannot_write_it_reads_nothing(verb, healthy, tmp_path, monkeypatch, capsys):
+    for module in (cli_map, doctor_scan):
+        monkeypatch.setattr(module, "load_scan", lambda *_, **__: pytest.fail("too late"))
+    (tmp_path / "file").touch()
+    out = tmp_path / "file" / ("sensor.json" if verb == "sensor" else "out")
+    words = ["--dataset", "folder", "--root", str(healthy), "--out", str(out)]
+    assert main([verb, *words]) == 1
+    assert re.search(f"{out}.*: cannot be written", capsys.readouterr().err)
 
 
 def test_kitti_scans_are_looked_at(shared_data, capsys):

@@ -85,6 +85,25 @@ def test_a_scan_that_fails_stops_no_other_and_is_tried_again(scans, tmp_path, ca
     assert "holds a map of other settings" in capsys.readouterr().err.replace("\n", "")
 
 
+def test_pictures_of_an_earlier_map_do_not_stay_beside_a_new_one(scans, tmp_path):
+    for name in ("map.png", "report.html", "evaluation.json"):
+        (tmp_path / name).write_bytes(b"of an earlier map")
+    assert run(scans, tmp_path, "--scene", "a", "--jobs", "1", *NOTHING) == 0
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["config.json", "map.json", "report.html"]
+    assert (tmp_path / "report.html").read_bytes() != b"of an earlier map"
+
+
+def test_a_page_that_fails_leaves_none(scans, tmp_path, monkeypatch, capsys):
+    def full(*_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(map_command, "write_report", full)
+    (tmp_path / "a").mkdir()
+    (tmp_path / "a" / "report.html").write_bytes(b"of an earlier map")
+    assert run(scans, tmp_path, "--scenes", "all", "--jobs", "1", *NOTHING) == 1
+    assert not (tmp_path / "a" / "report.html").exists()
+
+
 def test_an_error_that_nobody_foresaw_is_that_scan_s_alone(scans, tmp_path, monkeypatch, capsys):
     def fail(folder, *_):
         if folder.name == "a":
@@ -112,13 +131,16 @@ def test_an_error_that_nobody_foresaw_is_that_scan_s_alone(scans, tmp_path, monk
         (["--scenes", "all", "--jobs", "0"], "--jobs"),
         (["--scenes", "UP"], "'../a' is no name of a scan"),
         (["--scenes", "all", "--scene", "a"], "--scene names one scan, --scenes many"),
+        (["--scenes", "all", "--trajectory", "slam.txt"], "slam.txt is one's trajectory"),
+        (["--scenes", "all", "--config", "OWN"], "slam.txt is one's trajectory"),
     ],
 )
 def test_what_is_no_list_of_scans_is_told(options, problem, scans, tmp_path, capsys):
     (tmp_path / "EMPTY").write_text("\n")
     (tmp_path / "UP").write_text("a\n../a\n")
     (tmp_path / "HERE").write_text(".\n")
-    options = [str(tmp_path / word) if word in ("EMPTY", "UP", "HERE") else word for word in options]
+    (tmp_path / "OWN").write_text('{"trajectory": "slam.txt"}')
+    options = [str(tmp_path / word) if word in ("EMPTY", "UP", "HERE", "OWN") else word for word in options]
     assert run(scans, tmp_path / "out", *options) == 1
     assert problem in capsys.readouterr().err.replace("\n", "")
     assert not (tmp_path / "out").exists()

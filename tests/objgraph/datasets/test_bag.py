@@ -110,7 +110,9 @@ def test_poses_are_between_those_before_and_after(tmp_path):
     poses = [frame.T_world_camera for frame in frames_of(load(tmp_path))]
     np.testing.assert_allclose(poses[0], pose(1), atol=1e-6)  # toy poses turn and move evenly
     np.testing.assert_allclose(poses[1], between, atol=1e-5)  # seconds as floats end at 0.2 microseconds
-    with pytest.raises(DatasetError, match=r"none of the 2 frames .* near enough in time \(max_difference\)"):
+    with pytest.raises(
+        DatasetError, match=r"none of the 2 frames .* near enough in time \(in Python: max_difference\)"
+    ):
         load(tmp_path, max_difference=0.05)
 
 

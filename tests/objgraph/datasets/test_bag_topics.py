@@ -2,8 +2,11 @@
 
 import pytest
 
+from objgraph.cli.main import main
 from objgraph.datasets.bag.topics import choose
 from objgraph.errors import DatasetError
+from tests.objgraph.datasets.bag_files import write_recording
+from tests.objgraph.datasets.dataset_folders import toy_scan
 
 IMAGE, COMPRESSED = "sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage"
 CAMERA_INFO, TF = "sensor_msgs/msg/CameraInfo", "tf2_msgs/msg/TFMessage"
@@ -66,3 +69,12 @@ def test_topics_of_usual_cameras_are_guessed(topics, expected):
 def test_topics_that_are_not_clear_are_listed(topics, named, message):
     with pytest.raises(DatasetError, match=message):
         choose(topics, "bag", **named)
+
+
+@pytest.mark.parametrize("words", [["doctor"], ["sensor", "--out", "{}/sensor.json"]])
+def test_commands_take_the_topics_that_errors_name(words, tmp_path, capsys):
+    write_recording(tmp_path / "robot", toy_scan(2))
+    words = [*(word.replace("{}", str(tmp_path)) for word in words), "--dataset", "bag"]
+    assert main([*words, "--root", str(tmp_path / "robot"), "--topic.depth", "/nowhere"]) == 1
+    said = capsys.readouterr()
+    assert "/nowhere, named as depth, has no messages" in said.out + said.err

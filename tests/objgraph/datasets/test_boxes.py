@@ -125,6 +125,10 @@ def test_icl_is_read_as_7_scenes_is(tmp_path):
         load_scan("icl", folder, stride=0)
     with pytest.raises(DatasetError, match="holds depth, and this one holds none"):
         load_scan("icl", office)
+    for k, name in ((0, "9"), (1, "10")):  # numbers, not text
+        for path in folder.glob(f"*/{k:05d}.*"):
+            path.rename(path.with_stem(name))
+    assert load_scan("icl", folder).frames.names == ("9", "10", "00002")
 
 
 def test_the_real_armchair(shared_data):

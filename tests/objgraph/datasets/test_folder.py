@@ -10,7 +10,7 @@ import pytest
 
 from objgraph.cli.main import main
 from objgraph.datasets import load_scan, scannet, scenes
-from objgraph.errors import DatasetError
+from objgraph.errors import DatasetError, ObservationError
 from objgraph.synthetic.camera import CameraConfig
 from objgraph.synthetic.sample import SampleConfig, generate_sample
 from tests.conftest import REPOSITORY
@@ -116,7 +116,7 @@ def test_a_line_belongs_to_the_frame_of_its_name_or_number(folder, caplog):
 
 def test_frame_1_is_not_the_pose_at_one_second(folder):
     write_poses(folder, ["0.000", "1.000", "2.000"])
-    message = r"no line belongs to a frame: the frames are called 000000, .* begin with 0\.000"
+    message = r"no line belongs to a frame: the frames are called 000000, .* begin with 0\.000.*in Python: max_difference"
     with pytest.raises(DatasetError, match=message):
         load(folder)
 
@@ -175,6 +175,22 @@ def test_the_camera_in_text_or_of_another_size(folder):
         assert load(folder).frames[0].intrinsics == expected
     json_file.write_text("{}")
     with pytest.raises(DatasetError, match=r"both intrinsics\.json and intrinsics\.txt: keep one"):
+        load(folder)
+
+
+def test_no_distortion_may_be_said(folder):
+    edit(folder / "intrinsics.json", lambda c: c.update(k1=0, p2=0.0, distortion=[0, 0, 0, 0], D=[]))
+    assert load(folder).frames[0].intrinsics == toy_scan().frames[0].intrinsics
+
+
+def test_two_objects_of_one_id_are_refused(folder):
+    edit(folder / "instances.json", lambda c: c.update(instances={"2": "chair", "02": "table"}))
+    with pytest.raises(ObservationError, match="several instances have the id 2; give each its own"):
+        load(folder)
+    (folder / "instances.json").write_text(
+        '{"up_world": [0, 0, 1], "instances": {"2": "chair", "2": "table"}}'
+    )
+    with pytest.raises(DatasetError, match=r"instances\.json: no valid JSON \('2' is there twice\)"):
         load(folder)
 
 
@@ -252,6 +268,13 @@ def test_malformed_instances_are_named(folder, change, message):
         (lambda c: c.update(cx="middle"), "could not convert"),
         (lambda c: c.update(width=0), "0x48 pixels"),
         (lambda c: c.pop("height"), "'height' is missing"),
+        (
+            lambda c: c.update(depthScale=5000),
+            "depthScale is not known, there are fx, .*, depth_scale: take it out",
+        ),
+        (lambda c: c.update(k1=0.26), "the lens distortion k1 is not corrected: undistort the images"),
+        (lambda c: c.update(distortion=[0.26, 0]), "the lens distortion distortion is not corrected"),
+        (lambda c: c.update(distortion={"k1": 1}), "float"),
     ],
 )
 def test_malformed_cameras_are_named(folder, change, message):

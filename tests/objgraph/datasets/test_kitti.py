@@ -114,6 +114,9 @@ def test_a_picture_may_be_missing(root):
         ("detections/000000.txt", "Car 1 2 3\n", "line 1: 4 columns"),
         ("detections/000000.txt", "Car" + " x" * 15, "line 1: could not convert"),
         ("detections/000000.txt", "Car" + " 0" * 15, "is no box; delete the line"),
+        ("detections/000000.txt", "Car 0 nan" + " 1" * 13, "line 1: column 3 is nan, no number"),
+        ("detections/000000.txt", "DontCare 0 inf" + " 1" * 13, "line 1: column 3 is inf, no number"),
+        ("training/velodyne/000000.bin", np.full(8, np.nan, "<f4").tobytes(), "no return is finite"),
         ("training/image_2/000000.png", b"no png", "no readable image"),
     ],
 )

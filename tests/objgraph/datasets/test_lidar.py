@@ -121,6 +121,19 @@ def test_one_file_of_points_is_due(folder):
         load_lidar_frame("lidar", folder)
 
 
+@pytest.mark.parametrize("form", ["bin", "ascii.pcd"])
+def test_points_of_which_none_is_finite_are_named(folder, form):
+    np.full((3, 4), np.nan, "<f4").tofile(folder / "points.bin")
+    path = folder / "points.bin"
+    if form != "bin":
+        path.unlink()
+        path = folder / "points.pcd"
+        head = "FIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nWIDTH 1\nHEIGHT 1\nPOINTS 1\nDATA ascii\n"
+        path.write_text(f"{head}nan nan nan\n")
+    with pytest.raises(DatasetError, match=f"{path}: no return is finite"):
+        load_lidar_frame("lidar", folder)
+
+
 @pytest.mark.parametrize("form", FORMATS)
 @pytest.mark.parametrize("share", [0.0, 0.001, 0.5])
 def test_truncated_points_are_named(folder, form, share):

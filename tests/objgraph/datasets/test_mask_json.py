@@ -96,6 +96,14 @@ def test_polygons_of_one_object_that_overlap_are_one(tmp_path):
     assert ids[17, 17] == 1
 
 
+def test_polygons_may_reach_beyond_the_image_by_a_pixel_or_two(tmp_path):
+    height, width = SHAPE
+    border = [-2, -1.5, width, 0, width + 1, height + 2, 0, height]
+    assert read_mask_json(written(tmp_path / "m.json", [{"segmentation": [border], "id": 1}]), SHAPE)[
+        1:
+    ].all()
+
+
 def test_no_masks_are_no_objects(tmp_path):
     assert not read_mask_json(written(tmp_path / "m.json", []), SHAPE).any()
 
@@ -152,6 +160,11 @@ RLE = {"size": [2, 3], "counts": [1, 2, 3]}
         ([{"segmentation": {"size": [10**6, 10**6], "counts": [10**12]}, "id": 1}], "1000000x1000000 pixels"),
         ([{"segmentation": [[1, 2, 3, 4]], "id": 1}], "three corners or more"),
         ([{"segmentation": [], "id": 1}], "three corners or more"),
+        (
+            [{"segmentation": [[9, 9, 190, 9, 190, 30]], "id": 1}],
+            r"outside of \d+x\d+ pixels: scale polygons",
+        ),
+        ([{"segmentation": [[9, 9, 20, -9, 20, 20]], "id": 1}], "a corner lies outside"),
         ([{"segmentation": [RLE], "id": 1}], "is damaged"),
         (
             [{"segmentation": RLE, "id": 1}, {"segmentation": {"size": [3, 2], "counts": [6]}, "id": 2}],

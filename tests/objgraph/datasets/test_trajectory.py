@@ -78,6 +78,14 @@ def test_the_formats_order_signs_and_comments(tmp_path):
         np.testing.assert_allclose(T[:3, :3], [[0, -1, 0], [1, 0, 0], [0, 0, 1]], atol=1e-12)
 
 
+def test_a_byte_order_mark_is_no_word(tmp_path):
+    path = tmp_path / "poses.txt"
+    path.write_text("0.5 1 2 3 0 0 0 1\n1.5 1 2 3 0 0 0 1\n", encoding="utf-8-sig")
+    assert list(read_labelled_poses(path)) == ["0.5", "1.5"]
+    path.write_text("# a comment\n0.5 1 2 3 0 0 0 1\n", encoding="utf-8-sig")
+    assert list(read_labelled_poses(path)) == ["0.5"]
+
+
 def test_of_equal_moments_the_first_counts(tmp_path, caplog):
     path = tmp_path / "trajectory.txt"
     path.write_text("1.5 1 0 0 0 0 0 1\n1.5 2 0 0 0 0 0 1\n1.50 3 0 0 0 0 0 1\n")

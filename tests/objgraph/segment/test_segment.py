@@ -1,6 +1,7 @@
 """The segmentation front-end: loading, the way of a mask through padding and scaling, and ids over frames."""
 
 import json
+import shutil
 from types import SimpleNamespace
 
 import cv2
@@ -240,6 +241,49 @@ def test_a_folder_without_masks_becomes_a_scan(tmp_path, segmenting, capsys):
     assert json.loads((tmp_path / "instances.json").read_text())["up_world"] == [0, -1, 0]
     assert main(["segment", "--root", str(tmp_path)]) == 1
     assert "already there" in capsys.readouterr().err
+
+
+def wide(root):
+    cv2.imwrite(str(root / "color" / "001.png"), np.zeros((90, 160, 3), np.uint8))
+
+
+@pytest.mark.parametrize(
+    ("damage", "message"),
+    [
+        (lambda root: (root / "intrinsics.json").unlink(), "no intrinsics.json"),
+        (lambda root: (root / "intrinsics.txt").write_text("1 1 1 1"), "keep one"),
+        (lambda root: (root / "intrinsics.json").write_text('{"fx": 9, "fy": 9, "cx": 9, "cy": 9}'), "far from the middle"),
+        (lambda root: (root / "poses.txt").unlink(), "no poses.txt"),
+        (lambda root: (root / "poses.txt").write_text("000 nan 0 0 0 0 0 1"), "poses.txt, line 1: the pose holds NaN"),
+        (wide, "001.png: the colour image is 160x90 pixels and the depth image 160x120"),
+        (lambda root: (root / "instances.json").write_text('{"instances": {"1": "chair"}}'), "would be replaced"),
+        (lambda root: (root / "instances.json").write_text('{"up_world": [0, 0]}'), "instances.json: up_world must be"),
+    ],
+)  # fmt: skip
+def test_what_is_wrong_is_told_before_an_image_is_segmented(tmp_path, monkeypatch, capsys, damage, message):
+    monkeypatch.setattr(Segmenter, "load", classmethod(lambda *_, **__: pytest.fail("too late")))
+    write_folder(tmp_path)
+    damage(tmp_path)
+    up = [] if message.startswith("instances") else ["--up", "0", "-1", "0"]
+    before = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
+    assert main(["segment", "--root", str(tmp_path), *up]) == 1
+    assert message in capsys.readouterr().err
+    assert {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()} == before
+
+
+def test_up_is_that_of_a_file_which_says_nothing_else(tmp_path, segmenting):
+    write_folder(tmp_path)
+    (tmp_path / "instances.json").write_text('{"up_world": [0, -2, 0]}')
+    lines = (tmp_path / "poses.txt").read_text().splitlines(keepends=True)
+    (tmp_path / "poses.txt").write_text("".join(lines[:2]))
+    assert main(["segment", "--root", str(tmp_path)]) == 0
+    written = json.loads((tmp_path / "instances.json").read_text())
+    assert (written["up_world"], written["instances"]) == ([0, -1, 0], {"1": "chair"})
+    # a frame without a pose has no mask
+    assert sorted(path.stem for path in (tmp_path / "masks").iterdir()) == ["000", "001"]
+    # nor is its own file in the way, as after a kill before the masks had their name
+    shutil.rmtree(tmp_path / "masks")
+    assert main(["segment", "--root", str(tmp_path)]) == 0
 
 
 def test_nothing_is_left_where_nothing_is_found(tmp_path, segmenting, capsys, monkeypatch):

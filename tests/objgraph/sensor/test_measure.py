@@ -77,6 +77,17 @@ def test_too_little_overlap_is_said(room: list[Frame]):
         measure_sensor(ListedFrames(room[:2]), SensorConfig(frames=2))
 
 
+def test_depth_that_is_too_far_is_said(room: list[Frame], capfd: pytest.CaptureFixture):
+    far = [replace(frame, depth=np.full_like(frame.depth, 5.0)) for frame in room[:3]]
+    some = [replace(room[0], depth=np.where(room[0].depth > 2, 5.0, room[0].depth)), *far]
+    none = [replace(frame, depth=np.zeros_like(frame.depth)) for frame in far]
+    near = np.count_nonzero((room[0].depth > 0) & (room[0].depth <= 2)) / (4 * room[0].depth.size)
+    for frames, share in ((far, 0.0), (some, near), (none, 0.0)):
+        with pytest.raises(DatasetError, match=f"or from nearer: {share:.0%} of the depth is within 3.5 m"):
+            measure_sensor(ListedFrames(frames), FEW)
+    assert "Open3D" not in "".join(capfd.readouterr())
+
+
 def test_a_map_takes_what_is_written(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture):
     out = tmp_path / "sensor.json"
     words = ["--dataset", "scannet", "--root", str(folder), "--out", str(out)]
