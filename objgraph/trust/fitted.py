@@ -83,10 +83,8 @@ class Table:
         self.surface = np.array([[each.surface[level] for level in LEVELS] for each in objects])
 
     def folds(self, seed: int = 0) -> Int[np.ndarray, "n"]:
-        """Each object's, by its shape, drawn at random."""
-        names = sorted(set(self.shapes))
-        of_shape = dict(zip(names, np.random.default_rng(seed).permutation(len(names)) % FOLDS, strict=True))
-        return np.array([of_shape[shape] for shape in self.shapes])
+        """Each object's, by its shape."""
+        return folds_of(self.shapes, seed)
 
     @cached_property
     def by_marginals(self) -> Float[np.ndarray, "n l"]:
@@ -105,6 +103,13 @@ class Table:
                 ]
             )
         return found
+
+
+def folds_of(shapes: Sequence[str], seed: int = 0) -> Int[np.ndarray, "n"]:
+    """The fold of each object, by its shape, drawn at random."""
+    names = sorted(set(shapes))
+    of_shape = dict(zip(names, np.random.default_rng(seed).permutation(len(names)) % FOLDS, strict=True))
+    return np.array([of_shape[shape] for shape in shapes])
 
 
 @dataclass(frozen=True)

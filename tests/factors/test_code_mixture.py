@@ -1,3 +1,5 @@
+from typing import Any
+
 import gtsam
 import numpy as np
 import pytest
@@ -132,7 +134,9 @@ def test_a_code_of_another_length_is_refused_by_name() -> None:
 
 
 def test_a_prior_of_something_else_is_refused() -> None:
+    codes: Any = np.zeros(3)
+    keys: Any = "o1"
     with pytest.raises(FactorError, match="codes"):
-        mixture_prior(KEYS, np.zeros(3))
+        mixture_prior(KEYS, codes)
     with pytest.raises(FactorError, match="keys"):
-        mixture_prior("o1", mixture())
+        mixture_prior(keys, mixture())

@@ -81,12 +81,12 @@ def test_likelihood_and_sharpness_by_hand():
 
 def test_what_has_no_heading_has_eight_errors():
     """A round object's error about y is zero by definition."""
-    rows = rows_of(count=3000)
+    errors = np.random.default_rng(1).normal(size=(3000, 9))
+    errors[:, 1] = 0.0
     round_ = [
-        replace(row, truth_symmetry=0, box_error=[*row.box_error[:1], 0.0, *row.box_error[2:]])
-        for row in [replace(row, box_covariance=np.eye(9).tolist(), box_error=error) for row, error in zip(
-            rows, np.random.default_rng(1).normal(size=(3000, 9)).tolist(), strict=True)]
-    ]  # fmt: skip
+        replace(row, truth_symmetry=0, box_covariance=np.eye(9).tolist(), box_error=error)
+        for row, error in zip(rows_of(count=3000), errors.tolist(), strict=True)
+    ]
     entry, *_ = calibration(round_, ["graph"])
     assert entry["coverage95"] == pytest.approx(0.95, abs=0.012)
     assert entry["nees_per_dof"] == pytest.approx(1.0, abs=0.03)

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,7 +15,7 @@ from objgraph.covariance.sides import SideMisfit
 from objgraph.errors import CovarianceError
 from objgraph.trust.calibration import LEVELS
 from objgraph.trust.fit import fit
-from objgraph.trust.fitted import Judged, Table, _widenings, likeliest_sides, unlikelihood
+from objgraph.trust.fitted import Judged, Table, _widenings, folds_of, likeliest_sides, unlikelihood
 from objgraph.trust.held_out import held_out
 from objgraph.trust.regression import conformal
 from tests.objgraph.trust.calibrations import SIDES, objects
@@ -67,8 +68,8 @@ def test_sets_of_few_shapes_hold_what_they_say():
     for _ in range(200):
         X = np.c_[np.ones(n), rng.normal(size=(n, 7))]
         needed = (rng.normal(size=15).repeat(3) + 0.5 * rng.normal(size=n))[:, None].repeat(3, axis=1)
-        table = SimpleNamespace(X=X, shapes=[f"{i // 3}" for i in range(n)])
-        table.folds = lambda table=table: Table.folds(table)
+        fold = folds_of([f"{i // 3}" for i in range(n)])
+        table: Any = SimpleNamespace(X=X, folds=lambda fold=fold: fold)
         lines, factors = _widenings({"chair": table}, {"chair": needed}, {"chair": np.ones(n, bool)})
         own = np.exp(conformal(needed[:, 2] - X @ lines["chair"], 0.95))
         others = np.c_[np.ones(100), rng.normal(size=(100, 7))]
