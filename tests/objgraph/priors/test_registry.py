@@ -18,7 +18,8 @@ def test_three_chairs_by_name_share_one_decoder():
     objects = objgraph.ObjectGraph(
         gtsam.NonlinearFactorGraph(), gtsam.Values(), up_world=np.array([0, 0, 1.0])
     )
-    state = ObjectState(gtsam.Pose3(), np.zeros(3), np.zeros(64))
+    upright = gtsam.Pose3(gtsam.Rot3.Rx(np.pi / 2), np.zeros(3))
+    state = ObjectState(upright, np.zeros(3), np.zeros(64))
     handles = [objects.add_object(name, state) for name in ("chair", "chair", "Office Chair")]
     assert len({id(handle.prior.decoder) for handle in handles}) == 1
 
