@@ -10,7 +10,7 @@ import trimesh
 from numpy.random import Generator
 
 from objgraph.errors import DatasetError, PriorError
-from objgraph.geometry.raycaster import raycaster
+from objgraph.geometry.symmetry import SAME, turn_gaps
 from objgraph.synthetic.furniture import Furniture
 from objgraph.training.meshes.files import SUFFIXES, canonical, list_meshes, read_mesh
 from objgraph.training.meshes.index import HELDOUT_SHARE, heldout_groups, read_index
@@ -23,8 +23,6 @@ ShapeSet = Literal["families", "cad", "everyday"]
 
 _HEIGHT_M = {"chair": (0.78, 1.0), "table": (0.45, 0.76)}
 _DIAGONAL_M = {"chair": (0.8, 1.5), "table": (0.6, 2.1)}
-_SAME = 0.02
-"""Distance, in diagonals, within which 98 % of a shape turned about y must lie of itself to count as the same."""
 
 
 @dataclass(frozen=True)
@@ -109,16 +107,10 @@ def mesh_furniture(category: str, path: Path, rng: Generator, diagonal_m: float 
     return Furniture(category, path.stem, mesh, diagonal, symmetry_of(mesh))
 
 
-def symmetry_of(mesh: trimesh.Trimesh, samples: int = 3000) -> int:
+def symmetry_of(mesh: trimesh.Trimesh) -> int:
     """How many turns about y, up to twelve, leave a canonical mesh the same; 0 for all."""
-    scene = raycaster([(mesh.vertices, mesh.faces)])
-    points = np.asarray(trimesh.sample.sample_surface(mesh, samples, seed=0)[0])
-
-    def same(degrees: float) -> bool:
-        turn = trimesh.transformations.rotation_matrix(np.radians(degrees), [0, 1, 0])[:3, :3]
-        gap = scene.compute_distance((points @ turn.T).astype(np.float32)).numpy()
-        return bool(np.percentile(gap, 98) < _SAME)
-
-    if all(same(angle) for angle in (25, 45, 90, 180)):
+    if (turn_gaps(mesh, np.radians([25, 45, 90, 180])) < SAME).all():
         return 0
-    return next((order for order in range(12, 1, -1) if same(360 / order)), 1)
+    orders = np.arange(12, 1, -1)
+    same = orders[turn_gaps(mesh, 2 * np.pi / orders) < SAME]
+    return int(same[0]) if len(same) else 1

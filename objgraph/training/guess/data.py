@@ -17,6 +17,7 @@ from safetensors.numpy import load_file, save
 from objgraph.atomic import write_file
 from objgraph.errors import PriorError, SolveError
 from objgraph.observation.clouds import ViewCloud, clouds, view_cloud
+from objgraph.geometry.symmetry import SAME, turn_gaps
 from objgraph.observation.gravity_box import smallest_heading
 from objgraph.priors.first_guess import FirstGuessConfig, place_in
 from objgraph.priors.mesh import extract_mesh
@@ -27,8 +28,9 @@ from objgraph.work import process_pool
 _SURFACE, _FREE = 200, 100
 """Points kept of a view."""
 TURNS = 16
-_ALIKE = 0.01
-"""Mean distance of a shape from itself turned, in its diagonals, at which the turn is about as good."""
+_TURNS = 2 * np.pi * np.arange(TURNS) / TURNS
+_AS_GOOD = 0.01
+"""Gap between a shape and itself turned, in its diagonals, at which the turn is about as good."""
 _MESH_RESOLUTION = 56
 
 
@@ -50,7 +52,7 @@ class Shape:
             return extract_mesh(prior.decoder, self.code, _MESH_RESOLUTION)
         box = self.extents if prior.box is None else prior.box
         stretch = 1.0 if box is None else box / self.mesh.extents
-        return trimesh.Trimesh(self.mesh.vertices * stretch, self.mesh.faces, process=False)
+        return _scaled(self.mesh, stretch)
 
 
 @dataclass(frozen=True)
@@ -67,8 +69,8 @@ class Draws:
     """Its measured height; NaN for what need not stand on it."""
     T_world_object: Float[np.ndarray, "n 4 4"]
     log_scale: Float[np.ndarray, "n 3"]
-    turned: Float[np.ndarray, "n 16"]
-    """Mean distance of each from itself turned by sixteenths of a full turn, in its diagonals."""
+    gaps: Float[np.ndarray, "n 16"]
+    """Between each and itself turned by sixteenths of a full turn, in its diagonals (`objgraph.geometry.symmetry`)."""
     shape: np.ndarray
     """Which shape it is of."""
 
@@ -128,8 +130,8 @@ class Look:
 
     seen: list[ViewCloud]
     T_world_object: Float[np.ndarray, "4 4"]
-    turned: Float[np.ndarray, "16"]
-    """Mean distance of the shape from itself turned by sixteenths, in its diagonals."""
+    gaps: Float[np.ndarray, "16"]
+    """Between the shape and itself turned by sixteenths, in its diagonals."""
     start: float
     """The first of the headings that the network looks at, radians."""
 
@@ -140,7 +142,7 @@ def first_views(count: int) -> Callable[[Draws, int], Look]:
     def look(draws: Draws, i: int) -> Look:
         seen = _clouds(draws, i, range(min(int(draws.views[i]), count)), np.eye(4))
         start = smallest_heading(np.concatenate([view.surface for view in seen]), UP)
-        return Look(seen, draws.T_world_object[i], draws.turned[i], start)
+        return Look(seen, draws.T_world_object[i], draws.gaps[i], start)
 
     return look
 
@@ -152,12 +154,12 @@ def varied(rng: Generator) -> Callable[[Draws, int], Look]:
         there = int(draws.views[i])
         count = min(there, int(rng.integers(1, VIEWS + 1)))
         some = rng.permutation(there)[:count]
-        mirror, turned = np.eye(4), draws.turned[i]
+        mirror, gaps = np.eye(4), draws.gaps[i]
         if rng.random() < 0.5:
             mirror[0, 0] = -1.0
-            turned = np.roll(turned[::-1], 1)
+            gaps = np.roll(gaps[::-1], 1)
         seen = _clouds(draws, i, some, mirror)
-        return Look(seen, mirror @ draws.T_world_object[i] @ mirror, turned, rng.uniform(0, 2 * np.pi))
+        return Look(seen, mirror @ draws.T_world_object[i] @ mirror, gaps, rng.uniform(0, 2 * np.pi))
 
     return look
 
@@ -179,13 +181,12 @@ def batch(
     points, sizes, weights, places, offs, alike = [], [], [], [], [], []
     for i in rows:
         one = look(draws, i)
-        turned = one.turned
         floor = None if np.isnan(draws.floor[i]) else float(draws.floor[i])
         made = clouds(one.seen, UP, floor, unit, config.at(one.start), config.surface, config.free, rng)
         place = place_in(made.box, unit, one.T_world_object, draws.log_scale[i])
         own = int(np.abs(place[:, 0]).argmin())
         step = TURNS // config.headings
-        weight = np.roll(np.exp(-((turned[::step] / _ALIKE) ** 2)), own)
+        weight = np.roll(np.exp(-((one.gaps[::step] / _AS_GOOD) ** 2)), own)
         offs.append(place[:, 0].copy())
         # a quarter turn from its own heading its edges change places
         sideways = (own + config.headings // 4 * np.array([1, 3])) % config.headings
@@ -195,7 +196,7 @@ def batch(
         sizes.append(made.box.size / unit)
         weights.append(weight / weight.sum())
         places.append(place)
-        alike.append(turned < _ALIKE)
+        alike.append(one.gaps < SAME)
     looked, edges, good, wanted, angles = (
         torch.from_numpy(np.array(each, np.float32)) for each in (points, sizes, weights, places, offs)
     )
@@ -251,7 +252,7 @@ def _row(seen: SeenObject, mesh: trimesh.Trimesh, rng: Generator) -> dict[str, n
     return {
         "surface": surface, "normal": normal, "free": free, "eye": eye[:, 0], "views": np.array(len(views)),
         "floor": np.array(np.nan if seen.floor is None else seen.floor), "T_world_object": seen.T_world_object,
-        "log_scale": np.log(seen.scale), "turned": turn_distances(mesh, seen.scale),
+        "log_scale": np.log(seen.scale), "gaps": turn_gaps(_scaled(mesh, seen.scale), _TURNS),
     }  # fmt: skip
 
 
@@ -260,20 +261,5 @@ def _some(there: int, count: int, rng: Generator) -> np.ndarray:
     return rng.choice(there, count, replace=there < count)
 
 
-def turn_distances(mesh: trimesh.Trimesh, scale: Float[np.ndarray, "3"]) -> Float[np.ndarray, "16"]:
-    """Mean distance of a shape's surface from itself turned by sixteenths about y, in its diagonals."""
-    import open3d as o3d
-
-    vertices = np.asarray(mesh.vertices) * scale
-    diagonal = float(np.linalg.norm(np.ptp(vertices, axis=0)))
-    scene = o3d.t.geometry.RaycastingScene(nthreads=1)
-    scene.add_triangles(vertices.astype(np.float32), np.asarray(mesh.faces, np.uint32))
-    points = trimesh.sample.sample_surface(trimesh.Trimesh(vertices, mesh.faces, process=False), 600, seed=0)[
-        0
-    ]
-    distances = []
-    for angle in 2 * np.pi * np.arange(TURNS) / TURNS:
-        c, s = np.cos(angle), np.sin(angle)
-        turned = (points @ np.array([[c, 0, -s], [0, 1, 0], [s, 0, c]])).astype(np.float32)
-        distances.append(float(scene.compute_distance(o3d.core.Tensor(turned)).numpy().mean()) / diagonal)
-    return np.array(distances)
+def _scaled(mesh: trimesh.Trimesh, scale: Float[np.ndarray, "3"]) -> trimesh.Trimesh:
+    return trimesh.Trimesh(mesh.vertices * scale, mesh.faces, process=False)

@@ -30,7 +30,6 @@ from objgraph.training.guess.data import (
     batch,
     draw_all,
     first_views,
-    turn_distances,
     varied,
 )
 from objgraph.training.guess.scenes import UP, SceneConfig, draw_seen
@@ -67,17 +66,6 @@ def draws(tmp_path_factory: pytest.TempPathFactory) -> Draws:
 
 def box(*size: float) -> trimesh.Trimesh:
     return trimesh.creation.box(np.array(size) / np.linalg.norm(size))
-
-
-def test_by_which_turns_a_shape_looks_the_same() -> None:
-    alike = turn_distances(box(2.0, 1.0, 1.0), np.ones(3)) < 0.01
-    assert list(np.flatnonzero(alike)) == [0, 8]
-    assert list(np.flatnonzero(turn_distances(box(1.0, 2.0, 1.0), np.ones(3)) < 0.01)) == [0, 4, 8, 12]
-    round_one = trimesh.creation.cylinder(0.3, 0.5, sections=64)
-    round_one.apply_transform(trimesh.transformations.rotation_matrix(np.pi / 2, [1, 0, 0]))
-    assert (turn_distances(round_one, np.ones(3)) < 0.01).all()
-    # what is square as it is and not as it is scaled
-    assert list(np.flatnonzero(turn_distances(box(1.0, 2.0, 1.0), np.array([1.0, 1, 2])) < 0.01)) == [0, 8]
 
 
 def test_what_is_seen_lies_on_the_object_or_outside_of_it() -> None:
@@ -121,23 +109,23 @@ def test_what_is_seen_in_a_mirror_is_of_the_mirrored_object() -> None:
     T[:3, :3], T[:3, 3] = upright_axes(UP, 0.4), (1.0, 2.0, 0.5)
     p_object = rng.normal(size=(1, 1, 30, 3))
     p_world = p_object @ T[:3, :3].T + T[:3, 3]
-    turned = np.arange(16.0)[None]
+    gaps = np.arange(16.0)[None]
     n_world = p_object @ T[:3, :3].T
     one = Draws(
-        p_world, n_world, p_world, p_world[:, :, 0], np.array([1]), np.zeros(1), T[None], np.zeros((1, 3)), turned,
+        p_world, n_world, p_world, p_world[:, :, 0], np.array([1]), np.zeros(1), T[None], np.zeros((1, 3)), gaps,
         np.zeros(1),
     )  # fmt: skip
     found = set()
     for seed in range(8):
         look = varied(np.random.default_rng(seed))(one, 0)
-        (view,), T_seen, turned_seen = look.seen, look.T_world_object, look.turned
+        (view,), T_seen, gaps_seen = look.seen, look.T_world_object, look.gaps
         p_seen = (view.surface - T_seen[:3, 3]) @ T_seen[:3, :3]
         mirrored = not np.allclose(p_seen, p_object[0, 0])
         assert_allclose(p_seen, p_object[0, 0] * [-1 if mirrored else 1, 1, 1], atol=1e-9)
         assert_allclose(view.normals @ T_seen[:3, :3], p_seen, atol=1e-9)
         assert np.linalg.det(T_seen[:3, :3]) == pytest.approx(1.0)
-        assert turned_seen[1] == (15 if mirrored else 1)
-        assert turned_seen[0] == 0
+        assert gaps_seen[1] == (15 if mirrored else 1)
+        assert gaps_seen[0] == 0
         found.add(mirrored)
     assert found == {True, False}
 

@@ -164,9 +164,9 @@ def seen_twice() -> Draws:
     rng = np.random.default_rng(0)
     surface, normal, free = (rng.normal(size=(4, 3, n, 3)) for n in (20, 20, 10))
     T = np.tile(np.eye(4), (4, 1, 1))
-    views, turned = np.full(4, 2), np.zeros((4, 16))
+    views, gaps = np.full(4, 2), np.zeros((4, 16))
     return Draws(
-        surface, normal, free, rng.normal(size=(4, 3, 3)), views, np.zeros(4), T, np.zeros((4, 3)), turned, np.arange(4)
+        surface, normal, free, rng.normal(size=(4, 3, 3)), views, np.zeros(4), T, np.zeros((4, 3)), gaps, np.arange(4)
     )  # fmt: skip
 
 
