@@ -17,7 +17,7 @@ from objgraph.cli.run_config import MapRun, Source, Topics, read_run, root_of
 from objgraph.datasets.ground_truth import AnnotatedScan, annotated
 from objgraph.datasets.registry import load_lidar_frame, load_scan, scenes
 from objgraph.errors import DatasetError, EvaluationError, MapError
-from objgraph.maps.files import DOCUMENT, EVALUATION
+from objgraph.maps.files import DOCUMENT
 from objgraph.maps.lidar import LidarMappingConfig, map_lidar
 from objgraph.maps.object_map import ObjectMap
 from objgraph.maps.pipeline import MappingConfig, map_scan, scene_points
@@ -208,9 +208,9 @@ def _limited(scan: Scan, categories: tuple[str, ...]) -> Scan:
 
 
 def _save(object_map: ObjectMap, run: MapRun, out: Path) -> None:
-    """The map and its settings; an earlier map's errors, picture and page say nothing of this one."""
+    """The map and its settings; an earlier map's picture and page say nothing of this one."""
     try:
-        for name in (EVALUATION, PICTURE, REPORT):
+        for name in (PICTURE, REPORT):
             (out / name).unlink(missing_ok=True)
         object_map.save(out)
         run.save(out)

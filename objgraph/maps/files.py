@@ -125,7 +125,7 @@ def read_document(folder: Path) -> dict[str, Any]:
 def commit(folder: Path, document: Mapping[str, Any], files: Mapping[str, bytes]) -> None:
     """Write the objects' files, then replace the document, then remove the files of objects that it does not name.
 
-    Other files in the folder are left alone.
+    The errors of an earlier map go before it does; other files in the folder are left alone.
 
     Raises:
         MapError: the folder cannot be written, or the document holds a number JSON does not have.
@@ -137,6 +137,7 @@ def commit(folder: Path, document: Mapping[str, Any], files: Mapping[str, bytes]
     try:
         for name, data in files.items():
             write_file(folder / name, data, MapError)
+        (folder / EVALUATION).unlink(missing_ok=True)
         write_file(folder / DOCUMENT, text.encode(), MapError)
         for path in folder.iterdir():
             if _OBJECT.fullmatch(path.name) and path.name not in files:

@@ -55,7 +55,9 @@ class ObjectMap:
         joint covariance (safetensors).
 
         Over an existing map a kill at any moment leaves the old map or the new one. Who reads meanwhile may miss files
-        that the old one named. Vertices and their sigma are stored in single precision.
+        that the old one named. The old one's `evaluation.json` goes. Other files are left alone: `config.json` too, which
+        `objgraph map` writes after this, and from which `objgraph report` and `view` know the scan. Vertices and their
+        sigma are stored in single precision.
 
         Raises:
             MapError: the folder cannot be written.

@@ -155,6 +155,13 @@ def test_saving_again_replaces_the_map_and_leaves_other_files_alone(tmp_path):
     assert not [name for name in os.listdir(tmp_path) if name.startswith(".")]
 
 
+def test_the_errors_of_an_earlier_map_do_not_stay_beside_a_new_one(tmp_path):
+    ObjectMap("room", (mapped(1),), UP).save(tmp_path)
+    (tmp_path / "evaluation.json").write_text("{}")
+    ObjectMap("another room", (failed(1),), UP).save(tmp_path)
+    assert not (tmp_path / "evaluation.json").exists()
+
+
 @pytest.mark.parametrize("crash_at", [0, 1, 2, 3, 4])
 def test_a_crash_while_saving_leaves_the_old_map_whole(tmp_path, monkeypatch, crash_at):
     old = mapped(1)
