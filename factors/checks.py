@@ -76,9 +76,18 @@ def whole(what: str, value: Any, allowed: Range = NOT_NEGATIVE, error: Error = F
 
 
 def text(what: str, value: Any, error: Error = FactorError) -> str:
-    """A word or more."""
+    """A word or more, which can be written."""
     if not isinstance(value, str) or not value.strip():
         raise error(f"{what} must be text, not {_shown(value)}")
+    return string(what, value, error)
+
+
+def string(what: str, value: Any, error: Error = FactorError) -> str:
+    """Text that can be written, be it empty: names of files that are no Unicode hold halves of characters."""
+    try:
+        instance(what, value, str, error).encode()
+    except UnicodeEncodeError as problem:
+        raise error(f"{what} {_shown(value)} is no Unicode text; rename it") from problem
     return value
 
 

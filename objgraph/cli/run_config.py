@@ -8,6 +8,7 @@ from typing import Any, TypeVar
 
 import dacite
 
+from factors import checks
 from objgraph.atomic import write_file
 from objgraph.checked import parse_json
 from objgraph.errors import ConfigError, DatasetError, MapError
@@ -97,7 +98,7 @@ def read_run(
     one may have, the first that the data set knows counts, and the value.
 
     Raises:
-        ConfigError: the file cannot be read, or holds what is no setting or no value of one.
+        ConfigError: the file cannot be read, or holds what is no setting or no value of one; or a path is no Unicode text.
         DatasetError: no data set is named, or it does not use a setting.
     """
     where = "the settings" if path is None else str(path)
@@ -166,7 +167,7 @@ def _put(settings: dict[str, Any], path: list[str], value: Any) -> bool:
 
 
 def _built(kind: type[T], document: Mapping[str, Any], where: str) -> T:
-    hooks = {float: _as_float, int: _as_int, Path: _as_path}
+    hooks = {float: _as_float, int: _as_int, str: _as_text, Path: _as_path}
     try:
         return dacite.from_dict(kind, document, dacite.Config(strict=True, type_hooks=hooks))
     except dacite.WrongTypeError as error:
@@ -187,8 +188,12 @@ def _as_int(value: Any) -> Any:
     return value
 
 
+def _as_text(value: Any) -> Any:
+    return checks.string("the name", value, ConfigError) if isinstance(value, str) else value
+
+
 def _as_path(value: Any) -> Any:
-    return Path(value) if isinstance(value, str) else value
+    return Path(_as_text(str(value))) if isinstance(value, (str, Path)) else value
 
 
 def _words(kind: Any) -> str:

@@ -49,11 +49,15 @@ def number(where: str, value: Any) -> float | None:
 
 
 def whole(where: str, value: Any) -> int | None:
-    """A whole number."""
-    result = number(where, value)
-    if result is not None and result != int(result):
+    """A whole number, which a document can hold: of 64 bits at most."""
+    result = value if isinstance(value, (int, np.integer)) else number(where, value)
+    if result is None:
+        return None
+    if result != int(result):
         raise MapError(f"{where} is no whole number ({value!r})")
-    return None if result is None else int(result)
+    if abs(int(result)) >= 2**64:
+        raise MapError(f"{where} has more than 64 bits")
+    return int(result)
 
 
 def is_rigid(T: Float[np.ndarray, "4 4"]) -> bool:

@@ -8,6 +8,7 @@ import gtsam
 import numpy as np
 from jaxtyping import Float, Int
 
+from factors import checks
 from factors.state import RIGID_DOF, ObjectState
 from objgraph.covariance.box import BOX_AXES, BoxPose
 from objgraph.covariance.box_modes import BoxMode, box_modes
@@ -129,6 +130,8 @@ class MappedObject:
             value = getattr(self, name)
             if not isinstance(value, str) and (value is not None or name in ("category", "status")):
                 raise _bad(self, name, f"is no text ({value!r})")
+        if self.reason is not None:  # it may quote a name of any bytes
+            self._put("reason", self.reason.encode(errors="replace").decode())
         self._put("id", map_checks.whole(f"{label}: id", self.id))
         if self.id is None:
             raise _bad(self, "id", "is missing")
@@ -144,6 +147,9 @@ class MappedObject:
         if not isinstance(self.views, (list, tuple)) or not isinstance(self.seconds_by_stage, Mapping):
             raise _bad(self, "views", "must be a list, and seconds_by_stage a dictionary")
         self._put("views", tuple(str(view) for view in self.views))
+        names = [("category", self.category), ("estimator", self.estimator or "")]
+        for name, value in [*names, *(("view", view) for view in self.views)]:
+            checks.string(f"object {self.id}: {name}", value, MapError)
         if not self.views and self.cameras is not None and not self.cameras.size:
             self._put("cameras", None)  # JSON does not tell no cameras from none given
         stages = self.seconds_by_stage.items()

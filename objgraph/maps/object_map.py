@@ -24,7 +24,7 @@ class ObjectMap:
     """The objects of a scene.
 
     Raises:
-        MapError: two objects share an id, or `up_world` is no unit vector.
+        MapError: the scene is no Unicode text, two objects share an id, or `up_world` is no unit vector.
     """
 
     scene: str
@@ -33,7 +33,7 @@ class ObjectMap:
     """Unit vector against gravity, world frame."""
 
     def __post_init__(self) -> None:
-        where = f"map of {checks.instance('the scene of a map', self.scene, str, MapError)}"
+        where = f"map of {checks.string('the scene of a map', self.scene, MapError)}"
         up = checks.reals(f"{where}: up_world", self.up_world, (3,), error=MapError)
         if not abs(np.linalg.norm(up) - 1) < 1e-6:
             raise MapError(f"{where}: up_world {up.tolist()} is no unit vector of length 3")

@@ -130,6 +130,20 @@ def test_a_run_has_a_data_set_and_only_settings_that_it_uses():
         read_run(None, {"dataset": "street"}, {"--views": (("views",), 3)})
 
 
+@pytest.mark.parametrize(
+    ("source", "settings"),
+    [
+        ({"root": Path("Stra\udcdfe")}, {}),
+        ({"categories": ("Stra\udcdfe",)}, {}),
+        ({"topic": {"depth": "Stra\udcdfe"}}, {}),
+        ({}, {"--priors": (("priors",), ("Stra\udcdfe",))}),
+    ],
+)
+def test_a_name_that_no_file_could_hold_is_refused(source, settings):
+    with pytest.raises(ConfigError, match=r"'Stra\\udcdfe' is no Unicode text; rename it"):
+        read_run(None, {"dataset": "folder", **source}, settings)
+
+
 def test_the_search_for_headings_is_the_settings_own():
     chosen, _ = pipeline._estimators(CAMERA)
     assert isinstance(chosen, GraphEstimator)

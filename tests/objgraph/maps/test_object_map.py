@@ -147,6 +147,18 @@ def test_a_mapped_object_gives_its_state_and_its_labelled_covariance():
         _ = failed().state
 
 
+NOT_UNICODE = "Stra\udcdfe"
+"""A file's name of bytes that are no UTF-8, as Python reads it."""
+RENAME = "is no Unicode text; rename it"
+
+
+def test_a_reason_and_a_number_are_kept_as_files_can_hold_them(tmp_path):
+    entry = MappedObject(2**53 + 1, "chair", "failed", f"{NOT_UNICODE}: no such file")
+    ObjectMap("room", (entry,), UP).save(tmp_path)
+    (back,) = ObjectMap.load(tmp_path).objects
+    assert (back.id, back.reason) == (2**53 + 1, "Stra?e: no such file")
+
+
 def typed(value: Any) -> Any:
     """Of another type than is declared."""
     return value
@@ -169,6 +181,10 @@ def typed(value: Any) -> Any:
         (lambda: MappedObject(1, "chair", "failed", "why", views=typed(7)), "views must be a list"),
         (lambda: mapped(1, scale=torch.ones(3, requires_grad=True)), "scale is no array of numbers"),
         (lambda: mapped(1, scale=[10**400] * 3), "scale is no array of numbers"),
+        (lambda: mapped(2**64), "id has more than 64 bits"),
+        (lambda: ObjectMap(NOT_UNICODE, (), UP), rf"the scene of a map 'Stra\\udcdfe' {RENAME}"),
+        (lambda: mapped(4, category=NOT_UNICODE), rf"object 4: category 'Stra\\udcdfe' {RENAME}"),
+        (lambda: mapped(4, views=("0", NOT_UNICODE)), rf"object 4: view 'Stra\\udcdfe' {RENAME}"),
     ],
 )
 def test_what_is_no_part_of_a_map_is_named(make, message):

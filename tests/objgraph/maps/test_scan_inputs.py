@@ -8,6 +8,7 @@ import pytest
 from objgraph.errors import ConfigError, ObservationError
 from objgraph.maps.pipeline import MappingConfig, map_scan
 from objgraph.observation.frames import Instance, ListedFrames, Scan
+from objgraph.observation.lidar.frame import LidarFrame
 from tests.toys import toy_frame, toy_state
 
 UP = np.array([0.0, 0.0, 2.0])
@@ -39,6 +40,20 @@ def test_a_scan_that_is_none_is_named(changes, message):
 def test_an_object_without_a_number_or_a_name_is_refused(id, category):
     with pytest.raises(ObservationError, match=r"object|id of a chair"):
         Instance(id, category)
+
+
+@pytest.mark.parametrize(
+    "make",
+    [
+        lambda name: replace(SCAN, name=name),
+        lambda name: replace(toy_frame([toy_state()], 0.3), name=name),
+        lambda name: Instance(1, name),
+        lambda name: LidarFrame(name, np.zeros((1, 3)), np.eye(4), UP, ()),
+    ],
+)
+def test_a_name_that_no_file_could_hold_is_refused_before_any_work(make):
+    with pytest.raises(ObservationError, match=r"'Stra\\udcdfe' is no Unicode text; rename it"):
+        make("Stra\udcdfe")
 
 
 @pytest.mark.parametrize(
