@@ -112,7 +112,7 @@ def read_run(
     defaults: MappingConfig | LidarMappingConfig = LidarMappingConfig() if lidar else MappingConfig()
     merged = _merged(asdict(defaults), known, f"{where}: {_SETTINGS}", f" of data set '{dataset}'")
     for option, (paths, value) in settings.items():
-        if not any(_put(merged, way.split("."), value) for way in paths):
+        if not any(_put(merged, way.split("."), value, f"{where}: {_SETTINGS}") for way in paths):
             raise DatasetError(
                 f"data set '{dataset}' does not use {option}; its settings are {', '.join(merged)} (--config)"
             )
@@ -155,11 +155,15 @@ def _merged(default: Mapping[str, Any], given: Any, where: str, of: str = "") ->
     return {**default, **given, **deeper}
 
 
-def _put(settings: dict[str, Any], path: list[str], value: Any) -> bool:
+def _put(settings: dict[str, Any], path: list[str], value: Any, where: str) -> bool:
     """Set what lies at a path; False where there is no such setting."""
-    *folders, name = path
-    for folder in folders:
-        settings = settings.get(folder, {})
+    *groups, name = path
+    for group in groups:
+        settings = settings.get(group, {})
+        if not isinstance(settings, dict):
+            raise ConfigError(
+                f"{where}.{group}: an object of settings was expected, not {json.dumps(settings)}"
+            )
     if name not in settings:
         return False
     settings[name] = value

@@ -105,6 +105,15 @@ def test_what_is_wrong_is_named_with_its_file_and_field(tmp_path, settings, mess
     assert str(caught.value).startswith(str(path))
 
 
+@pytest.mark.parametrize("group", [None, 3, "x", [1]])
+def test_a_group_that_is_none_is_named_where_an_option_goes_into_it(tmp_path, group):
+    path = write(tmp_path, {"sampling": group})
+    message = r"settings\.sampling: an object of settings was expected, not"
+    with pytest.raises(ConfigError, match=message) as caught:
+        read_run(path, {"dataset": "sample"}, {"--min-pixels": (("sampling.min_pixels",), 50)})
+    assert str(caught.value).startswith(str(path))
+
+
 @pytest.mark.parametrize(
     ("content", "message"),
     [
