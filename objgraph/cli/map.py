@@ -156,7 +156,7 @@ def _map_lidar(
     frame, out = load_frame_of(source), command.out
     with progress(console) as tell:
         object_map = map_lidar(frame, settings, tell, jobs_of(command), command.engine)
-    _save(object_map, MapRun(replace(source, scene=frame.name), settings), out)
+    _save(object_map, MapRun(replace(source, scene=source.scene or frame.name), settings), out)
     console.print(map_table(object_map))
     street_picture(object_map, frame, out / PICTURE)
     write_report(out, frame.p_world)

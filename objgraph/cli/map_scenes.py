@@ -12,11 +12,12 @@ from pathlib import Path
 from rich.console import Console
 
 from factors import checks
-from objgraph.cli.map import MapCommand, jobs_of, run_map, run_of
+from objgraph.cli.map import PICTURE, MapCommand, jobs_of, run_map, run_of
 from objgraph.cli.progress import progress
 from objgraph.cli.run_config import CONFIG, LIDAR_DATASETS, MapRun, root_of
 from objgraph.datasets.registry import lidar_frames, scenes
 from objgraph.errors import ConfigError, DatasetError, MapError, ObjectGraphError
+from objgraph.maps.object_map import ObjectMap
 from objgraph.show.report import REPORT
 from objgraph.work import Workers, spread
 
@@ -100,14 +101,20 @@ def _names(command: MapCommand, run: MapRun) -> Sequence[str]:
 
 
 def _is_done(folder: Path, run: MapRun, name: str) -> bool:
-    """Whether its page, which is written last, is there; raises MapError where other settings made it."""
+    """Whether its page and, if there is anything to draw, its picture are there, which are written last.
+
+    Raises:
+        MapError: other settings made it.
+    """
     if not (folder / REPORT).is_file():
         return False
     try:
         known = json.loads((folder / CONFIG).read_bytes())
+        # a page alone may be of `objgraph report` after a stop
+        drawn = (folder / PICTURE).is_file() or not ObjectMap.load(folder).mapped
     except (OSError, ValueError):
         return False
-    if not isinstance(known, dict):
+    if not drawn or not isinstance(known, dict):
         return False
     wanted = json.loads(replace(run, source=replace(run.source, scene=name)).text())
     if other := [key for key in wanted if key != "objgraph" and known.get(key) != wanted[key]]:

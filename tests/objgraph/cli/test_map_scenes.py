@@ -5,6 +5,7 @@ import shutil
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from objgraph.cli import map as map_command
@@ -83,6 +84,37 @@ def test_a_scan_that_fails_stops_no_other_and_is_tried_again(scans, tmp_path, ca
     # maps of other settings are not taken for these
     assert run(root, out, *every, "--seed", "9") == 1
     assert "holds a map of other settings" in capsys.readouterr().err.replace("\n", "")
+
+
+def test_a_page_that_was_made_after_a_stop_does_not_make_a_scan_done(scans, tmp_path, capsys):
+    listed = tmp_path / "scenes.txt"
+    listed.write_text("a\n")
+    again = ["--scenes", str(listed), "--jobs", "1", *FEW]
+    assert run(scans, tmp_path, *again) == 0
+    capsys.readouterr()
+    assert run(scans, tmp_path, *again) == 0
+    assert "a: " not in capsys.readouterr().out
+    (tmp_path / "a" / "map.png").unlink()  # as if stopped before it
+    assert main(["report", str(tmp_path / "a")]) == 0
+    assert run(scans, tmp_path, *again) == 0
+    assert "a: 1 of 1 objects" in capsys.readouterr().out
+    assert (tmp_path / "a" / "map.png").is_file()
+
+
+def test_a_scan_of_a_lidar_that_is_a_link_goes_on_and_is_found_again(tmp_path, capsys, caplog):
+    folder, root, out = tmp_path / "store" / "2024-05-01", tmp_path / "scans", tmp_path / "maps"
+    folder.mkdir(parents=True)
+    np.ones((50, 4), np.float32).tofile(folder / "points.bin")
+    box = {"category": "car", "centre": [20, 5, 0], "size": [4, 2, 1.5], "yaw": 0.1}
+    (folder / "detections.json").write_text(json.dumps({"boxes": [box]}))
+    root.mkdir()
+    (root / "corner").symlink_to(folder)
+    every = ["map", "--dataset", "lidar", "--root", str(root), "--scenes", "all", "--jobs", "1"]
+    for _ in range(2):
+        assert main([*every, "--out", str(out)]) == 0
+    assert json.loads((out / "corner" / "config.json").read_text())["scene"] == "corner"
+    assert main(["report", str(out / "corner")]) == 0
+    assert "no points" not in caplog.text
 
 
 def test_pictures_of_an_earlier_map_do_not_stay_beside_a_new_one(scans, tmp_path):
