@@ -3,6 +3,7 @@
 import io
 from collections.abc import Sequence
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 from jaxtyping import Float
@@ -10,6 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
+from matplotlib.text import Text
 from PIL import Image
 
 from objgraph.atomic import write_file
@@ -56,23 +58,27 @@ def show(axis: Axes, picture: Float[np.ndarray, "h w 3"], title: str) -> None:
 
 
 def label(axis: Axes, texts: Sequence[str], uv: Float[np.ndarray, "n 2"]) -> None:
-    """Write each text at its pixel, or above it where it would cover another."""
+    """Write each text at its pixel, or above what it would cover there; below, where the panel has no room above."""
     boxes: list[tuple[float, float, float]] = []
     for i in np.argsort(-uv[:, 1]):
-        (u, v), half = uv[i], (len(texts[i]) + 1) * _LABEL[0] / 2
+        (u, v), half, up = uv[i], (len(texts[i]) + 1) * _LABEL[0] / 2, True
         while clash := [b for b in boxes if abs(b[0] - u) < b[2] + half and abs(b[1] - v) < _LABEL[1]]:
-            v = min(b[1] for b in clash) - _LABEL[1] - 1
+            above = min(b[1] for b in clash) - _LABEL[1] - 1
+            up = up and above > _LABEL[1] / 2
+            v = above if up else max(b[1] for b in clash) + _LABEL[1] + 1
         boxes.append((u, v, half))
         box = {"boxstyle": "round,pad=0.25", "facecolor": "white", "edgecolor": "0.5", "alpha": 0.85}
         axis.text(u, v, str(texts[i]), fontsize=9, ha="center", va="center", clip_on=True, bbox=box)
 
 
 def finish(figure: Figure, bar: Axes | None, limit: float | None, path: Path) -> None:
-    """Draw the colour bar from 0 to `limit` metres and write the file; raises OutputError."""
+    """Draw the colour bar from 0 to `limit` metres and write the file, all texts as they are; raises OutputError."""
     if bar is not None and limit is not None:
         mappable = ScalarMappable(Normalize(0, 100 * limit), sigma_colormap())
         figure.colorbar(mappable, cax=bar, extend="max")
         bar.set_ylabel("standard deviation of the surface (cm)", fontsize=10)
+    for text in figure.findobj(Text):
+        cast(Text, text).set_parse_math(False)  # a name may hold dollars
     buffer = io.BytesIO()
     figure.savefig(buffer, format="png")
     _write_png(path, Image.open(buffer).convert("RGB"))

@@ -64,7 +64,7 @@ def map_picture(
         raise MapError(f"map of {object_map.scene}: no object has a mesh, so there is nothing to draw")
     up = object_map.up_world
     corners = np.concatenate([_vertices(entry) for entry in shown])
-    cloud = _around(_checked_cloud(points_world, colors, up), corners, up, point_radius)
+    cloud = _around(_cloud(points_world, colors, up), corners, up, point_radius)
     limit = sigma_limit(entry.vertex_sigma for entry in shown)
     surface = raster.joined([_surface(entry, i, limit) for i, entry in enumerate(shown)])
     size = (width * 45 // 100, width * 36 // 100)
@@ -90,17 +90,13 @@ def _vertices(entry: MappedObject) -> Float[np.ndarray, "v 3"]:
     return np.empty((0, 3)) if entry.vertices is None else entry.vertices
 
 
-def _checked_cloud(
+def _cloud(
     points: Float[np.ndarray, "n 3"], colors: Float[np.ndarray, "n 3"] | None, up: Float[np.ndarray, "3"]
 ) -> _Cloud:
     """The finite points and their colours; without colours, greys by height."""
-    points = np.asarray(points, float).reshape(-1, 3)
-    if colors is not None and np.shape(colors) != points.shape:
-        raise MapError(f"{len(points)} points need as many RGB colours, not an array of {np.shape(colors)}")
-    finite = np.isfinite(points).all(axis=1)
-    points = points[finite]
+    points, colors = raster.finite_points(points, colors)
     if colors is not None:
-        return _Cloud(points, np.asarray(colors, float)[finite].clip(0, 1))
+        return _Cloud(points, colors)
     height = points @ up
     share = (height - height.min()) / max(np.ptp(height), 1e-6) if len(points) else height
     return _Cloud(points, np.repeat(0.85 - 0.45 * share[:, None], 3, axis=1))

@@ -60,8 +60,8 @@ def sphere_picture(
         if target.seen_from:
             seen = (np.array([camera.translation() for camera in target.seen_from]) - target.centre) @ axes.T
             axis.scatter(*seen.T, marker="x", c="black", s=70, depthshade=False)
-        aspect = np.ptp(np.concatenate([points, dots]), axis=0).clip(0.3)
-        axis.set_box_aspect(aspect, zoom=1.25)  # pyright: ignore[reportArgumentType]
+        limits = np.array([axis.get_xlim(), axis.get_ylim(), axis.get_zlim()])
+        axis.set_box_aspect(np.ptp(limits, axis=1), zoom=1.25)  # pyright: ignore[reportArgumentType]
         axis.view_init(elevation, azimuth)
         axis.set_axis_off()
         axis.text2D(0.5, 0.06, title, fontsize=10, color="0.35", ha="center", transform=axis.transAxes)

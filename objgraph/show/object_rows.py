@@ -75,7 +75,7 @@ def error_row(errors: Mapping[str, Any]) -> dict[str, Any]:
 
 def remarks_of(entry: MappedObject) -> list[str]:
     """What to know of an object beside its figures."""
-    remarks = [entry.reason] if entry.reason else []
+    remarks = [entry.reason.removeprefix(f"{entry.name}: ")] if entry.reason else []
     if entry.prior is not None and entry.prior.fallback:
         remarks.append(f"no prior for this category: stand-in {entry.prior.name}")
     place = place_of(entry)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from objgraph.errors import MapError
 from objgraph.geometry.frames import transformed_back
 from objgraph.observation.frames import Intrinsics
 
@@ -27,6 +28,21 @@ class Camera:
     intrinsics: Intrinsics
     T_world_camera: Float[np.ndarray, "4 4"]
     """OpenCV's axes: x right, y down, z forward."""
+
+
+def finite_points(
+    points_world: Float[np.ndarray, "n 3"], colors: Float[np.ndarray, "n 3"] | None
+) -> tuple[Float[np.ndarray, "m 3"], Float[np.ndarray, "m 3"] | None]:
+    """The points that are finite, metres, and their colours where there are any, RGB cut to 0..1.
+
+    Raises:
+        MapError: points and colours do not fit.
+    """
+    points = np.asarray(points_world, float).reshape(-1, 3)
+    if colors is not None and np.shape(colors) != points.shape:
+        raise MapError(f"{len(points)} points need as many RGB colours, not an array of {np.shape(colors)}")
+    finite = np.isfinite(points).all(axis=1)
+    return points[finite], None if colors is None else np.asarray(colors, float)[finite].clip(0, 1)
 
 
 @dataclass(frozen=True)

@@ -35,7 +35,7 @@ def street_picture(object_map: ObjectMap, frame: LidarFrame, path: Path) -> None
     """Write a PNG of a mapped scan.
 
     Raises:
-        MapError: a mapped object has no mesh or no joint covariance.
+        MapError: a mapped object has no mesh.
     """
     low, high = _reach(frame)
     heights = [float(np.clip((high - low)[1] / (high - low)[0], 0.25, 0.8))]

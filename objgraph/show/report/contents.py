@@ -22,6 +22,7 @@ from objgraph.show.object_rows import (
     remarks_of,
 )
 from objgraph.show.placement import LEVEL, box_of, centre_ellipsoid, headings_of, scaled_frame
+from objgraph.show.raster import finite_points
 from objgraph.show.report.views import ObjectPicture
 
 _POINTS = 80_000
@@ -36,7 +37,7 @@ def map_contents(
     """All of a saved map that its page shows; no number that JSON does not have.
 
     Raises:
-        MapError: there is no map, or it or the errors beside it are damaged.
+        MapError: there is no map, it or the errors beside it are damaged, or points and colours do not fit.
     """
     object_map = ObjectMap.load(folder)
     files = {entry["id"]: entry.get("mesh") for entry in read_document(folder)["objects"]}
@@ -88,13 +89,12 @@ def _points(
     points_world: Float[np.ndarray, "n 3"], colors: Float[np.ndarray, "n 3"] | None
 ) -> dict[str, str]:
     """At most `_POINTS` of them, evenly taken, in single precision, and their colours as bytes."""
-    kept = np.flatnonzero(np.isfinite(points_world).all(axis=1))
-    kept = kept[:: max(1, -(-len(kept) // _POINTS))]
-    rgb = np.full((len(kept), 3), 0.6) if colors is None else colors[kept]
-    positions = np.ascontiguousarray(points_world[kept], "<f4").tobytes()
+    points, colors = finite_points(points_world, colors)
+    kept = slice(None, None, max(1, -(-len(points) // _POINTS)))
+    rgb = np.full_like(points, 0.6) if colors is None else colors
     return {
-        "positions": _base64(positions),
-        "colors": _base64(np.round(255 * rgb.clip(0, 1)).astype(np.uint8).tobytes()),
+        "positions": _base64(np.ascontiguousarray(points[kept], "<f4").tobytes()),
+        "colors": _base64(np.round(255 * rgb[kept]).astype(np.uint8).tobytes()),
     }
 
 

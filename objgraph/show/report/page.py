@@ -12,6 +12,7 @@ from jaxtyping import Float
 
 from objgraph.atomic import write_file
 from objgraph.errors import MapError
+from objgraph.maps.files import EVALUATION
 from objgraph.show.report.contents import map_contents
 from objgraph.show.report.views import ObjectPicture
 from objgraph.version import program_version
@@ -31,16 +32,22 @@ def write_report(
     Without them the page has the map alone.
 
     Raises:
-        MapError: there is no map, it is damaged, or the folder cannot be written.
+        MapError: there is no map, it is damaged, a number in it or in the errors beside it is too large to be shown, points
+            and colours do not fit, or the folder cannot be written.
     """
     folder = Path(folder)
     contents = map_contents(folder, points_world, colors, pictures or {})
     contents["program"] = program_version()
+    try:
+        data = json.dumps(contents, allow_nan=False)
+    except ValueError as error:
+        raise MapError(
+            f"{folder}: a number of the map or of {EVALUATION} is too large to be shown; map the scan again"
+        ) from error
     # a name may hold what ends a script
-    data = json.dumps(contents, allow_nan=False).replace("<", "\\u003c")
     parts = {
         "title": html.escape(contents["title"]), "css": _asset("report.css"), "three": _asset("three.js"),
-        "script": _asset("report.js"), "data": data,
+        "script": _asset("report.js"), "data": data.replace("<", "\\u003c"),
     }  # fmt: skip
     # in one pass: what is put in may look like a mark
     page = re.sub(r"\{\{(\w+)\}\}", lambda mark: parts[mark[1]], _asset("report.html"))

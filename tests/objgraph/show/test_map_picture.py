@@ -175,6 +175,24 @@ def test_what_cannot_be_drawn_is_named(tmp_path):
     assert not list(tmp_path.iterdir())
 
 
+def test_names_with_dollars_are_drawn_as_they_are(tmp_path):
+    name = r"rooms$\1_$2"
+    sheet, (axis,), bar = figure.panels(400, (300, 200), 1, name, None)
+    figure.show(axis, np.ones((200, 300, 3)), name)
+    figure.label(axis, [name], np.array([[150.0, 100.0]]))
+    figure.finish(sheet, bar, None, tmp_path / "a.png")
+    assert opened(tmp_path / "a.png").std() > 0.01
+
+
+def test_labels_stay_in_their_panel_beside_each_other():
+    (axis,) = figure.panels(400, (300, 200), 1, "x", None)[1]
+    figure.label(axis, [f"chair {i}" for i in range(6)], np.tile([150.0, 50.0], (6, 1)))
+    heights = sorted(text.get_position()[1] for text in axis.texts)
+    assert heights[0] > 10
+    assert heights[-1] < 190
+    assert min(np.diff(heights)) > 20
+
+
 def test_a_picture_of_noise_is_made_small_enough(tmp_path):
     sheet, axes, bar = figure.panels(1600, (720, 576), 2, "noise", None)
     noise = np.random.default_rng(0).uniform(size=(576, 720, 3))

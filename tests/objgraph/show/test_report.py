@@ -134,6 +134,22 @@ def test_errors_beside_the_map_are_columns(saved):
         write_report(folder)
 
 
+def test_what_no_page_can_hold_is_named(saved):
+    _, folder = saved
+    with pytest.raises(MapError, match="5 points need as many RGB colours"):
+        write_report(folder, np.zeros((5, 3)), np.zeros((3, 3)))
+    (folder / "evaluation.json").write_text('{"objects": [{"id": 1, "translation_m": 1e307}]}')
+    with pytest.raises(MapError, match=rf"{folder}: a number of the map or of evaluation\.json is too large"):
+        write_report(folder)
+    assert not (folder / REPORT).exists()
+
+
+def test_a_reason_does_not_name_its_object_twice(tmp_path):
+    ObjectMap("x", (failed(9, "table 9: no surface"),), UP).save(tmp_path)
+    (shown,) = contents(write_report(tmp_path))["objects"]
+    assert shown["remarks"] == ["no surface"]
+
+
 @pytest.mark.parametrize(
     "entry", [3, {"id": "1"}, {"id": 1, "translation_m": []}, {"id": 1, "box_iou": "0.5"}]
 )
