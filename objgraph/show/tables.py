@@ -39,12 +39,14 @@ def map_table(object_map: ObjectMap) -> Table:
         ),
         caption_justify="left",
         box=SIMPLE_HEAD,
+        show_edge=False,
         padding=0,
     )
-    for label in ("id", "object", "size, m\nw x h x d"):
-        table.add_column(label, justify="left" if label == "object" else "right", no_wrap=True)
+    table.add_column("id", justify="right", no_wrap=True)
+    table.add_column("object", overflow="fold", max_width=11)
+    table.add_column("size, m\nw x h x d", justify="right", no_wrap=True)
     for label, least in (("box centre, m\nx ± std, y, z", 12), ("heading\n± std, °", 8), ("right", 8)):
-        table.add_column(label, justify="right", min_width=least)
+        table.add_column(label, justify="right", min_width=least, overflow="fold")
     for label in ("views", "time\ns"):
         table.add_column(label, justify="right", no_wrap=True)
     table.add_column("status", no_wrap=True)

@@ -188,6 +188,21 @@ def test_the_map_table_fits_a_narrow_terminal():
     assert max(map(len, lines)) <= 80
 
 
+@pytest.mark.parametrize("category", ["swivel office chair with arms", "x" * 300])
+def test_a_long_name_takes_no_other_column_s_place(category):
+    chair = replace(
+        example().objects[0], category=category, box_centre=np.array([-12.345, 2.345, 1.0]),
+        box_extents=np.array([1.2, 0.8, 0.9]), box_covariance=1e-3 * np.eye(9), seconds=12.3,
+    )  # fmt: skip
+    printed = text(map_table(ObjectMap("room", (chair,), UP)), width=80)
+    (row,) = [line for line in printed.splitlines() if line.lstrip().startswith("1 ")]
+    for piece in ("1.20x0.80x0.90", "doubtful", " 3 ", "12.3", "mapped"):
+        assert piece in row
+    for piece in ("-12.35±0.032", "2.35±0.032", "1.00±0.032", "90±1.8", "views", "status", "object"):
+        assert piece in printed
+    assert max(map(len, printed.splitlines())) <= 80
+
+
 def test_the_evaluation_table_judges_each_object():
     lines = text(evaluation_table(example(), ERRORS)).splitlines()
     (chair,) = [line for line in lines if "chair [r]" in line]
