@@ -55,6 +55,10 @@ def run_view(command: ViewCommand, console: Console) -> Path | None:
 
     if command.frames < 1:
         raise ViewError(f"--frames {command.frames}: at least one")
+    path = command.save or command.folder / RECORDING
+    to_file = command.save is not None or not rerun_view.has_display()
+    if to_file:
+        rerun_view.check_recording(path)
     object_map = ObjectMap.load(command.folder)
     recording = rerun_view.new_recording(object_map.scene)
     rerun_view.log_objects(recording, object_map, command.folder)
@@ -68,12 +72,14 @@ def run_view(command: ViewCommand, console: Console) -> Path | None:
         except (ConfigError, DatasetError) as error:
             log.warning("the map is shown without its scan: %s", error)
     recording.send_blueprint(rerun_view.map_layout(object_map, frames=framed, solved=solved))
-    if command.save is None and rerun_view.has_display():
+    if not to_file:
         rerun_view.show_recording(recording)
         return None
-    path = rerun_view.save_recording(recording, command.save or command.folder / RECORDING)
+    rerun_view.save_recording(recording, path)
     size = f"{path.stat().st_size / 1e6:.1f} MB"
-    console.print(f"{path}: {size}; `rerun {path}` shows it, or https://app.rerun.io", soft_wrap=True)
+    console.print(
+        f"{path}: {size}; `rerun {path}` shows it, or https://app.rerun.io", markup=False, soft_wrap=True
+    )
     return path
 
 

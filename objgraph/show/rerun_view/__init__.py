@@ -24,11 +24,18 @@ from objgraph.show.rerun_view.incremental import log_incremental
 from objgraph.show.rerun_view.iterations import Iterates, log_iterations
 from objgraph.show.rerun_view.layout import map_layout
 from objgraph.show.rerun_view.objects import log_objects
-from objgraph.show.rerun_view.recording import has_display, new_recording, save_recording, show_recording
+from objgraph.show.rerun_view.recording import (
+    check_recording,
+    has_display,
+    new_recording,
+    save_recording,
+    show_recording,
+)
 from objgraph.show.rerun_view.scan import log_frames, log_points
 
 __all__ = [
     "Iterates",
+    "check_recording",
     "has_display",
     "log_frames",
     "log_incremental",

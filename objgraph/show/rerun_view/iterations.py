@@ -1,12 +1,14 @@
 """How the solver comes to an object: its steps on the timeline `iteration`."""
 
 from collections.abc import Sequence
+from contextlib import suppress
 from typing import NamedTuple
 
 import numpy as np
 import rerun as rr
 
 from factors.state import ObjectState
+from objgraph.errors import SolveError
 from objgraph.graph.single_object import ALONE, SingleObject
 from objgraph.graph.solve import Problem
 from objgraph.priors.shape_prior import ShapePrior
@@ -51,10 +53,11 @@ class Iterates:
 
 
 def log_iterations(recording: rr.RecordingStream, prior: ShapePrior, steps: Sequence[Step]) -> None:
-    """Mesh and box after each step, and its cost, which is that of another problem in every round."""
+    """Mesh and box after each step that has a surface, and its cost, which is that of another problem in every round."""
     for i, step in enumerate(steps):
         recording.set_time(paths.ITERATION, sequence=i)
-        log_state(recording, paths.ITERATE, prior, step.state, f"step {i}", _COLOR, _RESOLUTION)
+        with suppress(SolveError):
+            log_state(recording, paths.ITERATE, prior, step.state, f"step {i}", _COLOR, _RESOLUTION)
         if step.cost is not None:
             recording.log(paths.COST, rr.Scalars(step.cost))
     recording.reset_time()

@@ -82,7 +82,7 @@ def _table(
         "",
     ]
     told = [(entry, remarks_of(entry)) for entry, _ in rows]
-    return "\n".join(lines + [f"- {e.name}: {_escaped('; '.join(r))}" for e, r in told if r])
+    return "\n".join(lines + [f"- {_escaped(e.name)}: {_escaped('; '.join(r))}" for e, r in told if r])
 
 
 def _facts(entry: MappedObject, row: Mapping[str, Any], columns: list[Column]) -> str:

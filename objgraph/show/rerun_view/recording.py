@@ -8,7 +8,7 @@ from pathlib import Path
 
 import rerun as rr
 
-from objgraph.atomic import write_file
+from objgraph.atomic import check_place, write_file
 from objgraph.errors import ViewError
 
 ENDING = ".rrd"
@@ -24,6 +24,17 @@ def new_recording(name: str) -> rr.RecordingStream:
     return recording
 
 
+def check_recording(path: Path) -> None:
+    """Whether a recording could be written here, asked before long work.
+
+    Raises:
+        ViewError: the name does not end in .rrd, or the file cannot be written.
+    """
+    if path.suffix != ENDING:
+        raise ViewError(f"{path}: the viewer knows recordings by their ending; name it {path.name}{ENDING}")
+    check_place(path, ViewError)
+
+
 def save_recording(recording: rr.RecordingStream, path: Path | str) -> Path:
     """Write the recording at once: the file is there whole or not at all. The recording takes nothing more afterwards.
 
@@ -31,8 +42,7 @@ def save_recording(recording: rr.RecordingStream, path: Path | str) -> Path:
         ViewError: the name does not end in .rrd, or the file cannot be written.
     """
     path = Path(path)
-    if path.suffix != ENDING:
-        raise ViewError(f"{path}: the viewer knows recordings by their ending; name it {path.name}{ENDING}")
+    check_recording(path)
     # its own writing to a file never ends where the disk is full
     write_file(path, recording.memory_recording().drain_as_bytes(), ViewError)
     recording.disconnect()

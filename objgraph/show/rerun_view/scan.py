@@ -28,10 +28,10 @@ def log_points(
     points_world: Float[np.ndarray, "n 3"],
     colors: Float[np.ndarray, "n 3"] | None,
 ) -> None:
-    """The scan's finite points; `colors` are RGB in 0..1."""
-    finite = np.isfinite(points_world).all(axis=1)
-    rgb = [_GREY] * 3 if colors is None else np.round(255 * colors[finite].clip(0, 1)).astype(np.uint8)
-    recording.log(paths.POINTS, rr.Points3D(points_world[finite], colors=rgb, radii=_RADIUS), static=True)
+    """The scan's finite points; `colors` are RGB in 0..1. Raises MapError where the two do not fit."""
+    points, colors = raster.finite_points(points_world, colors)
+    rgb = [_GREY] * 3 if colors is None else np.round(255 * colors).astype(np.uint8)
+    recording.log(paths.POINTS, rr.Points3D(points, colors=rgb, radii=_RADIUS), static=True)
 
 
 def log_frames(
@@ -69,7 +69,8 @@ def log_frame(recording: rr.RecordingStream, frame: Frame, classes: Mapping[int,
     recording.log(paths.CAMERA, rr.AnyValues(name=frame.name))
     if frame.color is not None:
         recording.log(paths.COLOR, rr.EncodedImage(contents=_jpeg(frame), media_type="image/jpeg"))
-    depth = np.round(_MILLIMETRES * np.nan_to_num(frame.depth, posinf=0)).clip(0, 65535).astype(np.uint16)
+    depth = np.round(_MILLIMETRES * frame.depth)
+    depth = np.where((depth > 0) & (depth < 2**16), depth, 0).astype(np.uint16)
     recording.log(
         paths.DEPTH, rr.EncodedDepthImage(_encoded(".png", depth), media_type="image/png", meter=_MILLIMETRES)
     )

@@ -353,6 +353,14 @@ def test_what_cannot_be_done_is_one_line(arguments, problem, saved, tmp_path, mo
     assert not [*tmp_path.glob(".*rrd")]
 
 
+@pytest.mark.parametrize("name", ["x.txt", "map.json/x.rrd"])
+def test_a_file_that_cannot_be_is_told_before_the_work(name, saved, monkeypatch, capsys):
+    _, folder = saved
+    monkeypatch.setattr(view, "ObjectMap", None)
+    assert main(["view", str(folder), "--save", str(folder / name)]) == 1
+    assert name in " ".join(capsys.readouterr().err.split())
+
+
 @pytest.mark.parametrize(
     ("dataset", "settings", "problem"),
     [
