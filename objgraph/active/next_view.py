@@ -14,6 +14,7 @@ What no view has seen is not known, whatever the marginals say: the prior's shap
 and a piece of surface err by far less once they have been seen (`objgraph.covariance.sides`).
 """
 
+import logging
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal, get_args
@@ -37,6 +38,8 @@ from objgraph.observation.sampling import SamplingConfig, SensorNoise, independe
 
 if TYPE_CHECKING:
     import open3d as o3d
+
+log = logging.getLogger(__name__)
 
 Criterion = Literal["corners", "pose", "information", "surface"]
 _FACTORS = 2.0
@@ -181,12 +184,17 @@ def known_precision(
 ) -> Float[np.ndarray, "m"]:
     """Sum of the sensor's precisions, 1 / m^2, with which the views so far have measured each of the object's points.
 
-    They are taken to be of the same camera as the candidates.
+    They are taken to be of the same camera as the candidates; views that all see nothing in its range are warned of.
     """
     precision = np.zeros(len(target.points))
     for camera in target.seen_from:
         seen = visible(target, camera, scene, config)
         precision[seen] += config.noise(_in_camera(target.points[seen], camera)[:, 2]) ** -2
+    if target.seen_from and not precision.any():
+        log.warning(
+            "%s counts as never seen: none of the %d views so far sees it between %g and %g m",
+            target.name, len(target.seen_from), config.near, config.far,
+        )  # fmt: skip
     return precision
 
 

@@ -9,18 +9,23 @@ import gtsam
 import numpy as np
 import tyro
 from rich.console import Console
+from rich.markup import escape
 from rich.table import Table
 
+from factors import checks
 from objgraph.active.cameras import sphere
 from objgraph.active.from_map import targets_from_map
 from objgraph.active.next_view import Criterion, NextViewConfig, ViewGain, next_views
 from objgraph.active.target import Target
-from objgraph.atomic import write_file
+from objgraph.atomic import check_place, write_file
 from objgraph.datasets.trajectory import read_tum
+from objgraph.errors import ActiveVisionError, ConfigError
 from objgraph.maps.object_map import ObjectMap
 from objgraph.observation.frames import Intrinsics
 from objgraph.priors.store import load_prior_file
 from objgraph.show.next_view import LABELS, UNITS, sphere_picture
+
+_DOCUMENT = "next_views.json"
 
 
 @dataclass(frozen=True)
@@ -35,6 +40,8 @@ class NextViewCommand:
     """Cameras on a sphere about each object."""
     distance: float = 1.8
     """Its radius, metres."""
+    far: float = NextViewConfig.far
+    """Depths beyond this are not measured, metres."""
     elevations: tuple[float, float] = (5.0, 60.0)
     """Lowest and highest angle above the object's middle, degrees."""
     cameras: Path | None = None
@@ -57,8 +64,14 @@ def run_next_view(command: NextViewCommand, console: Console) -> list[ViewGain]:
     """Load, rank, show, and write what was asked for.
 
     Raises:
-        ActiveVisionError, MapError, PriorError, DatasetError: the map, a prior or the candidates cannot be used.
+        ActiveVisionError, MapError, PriorError, DatasetError: the map, a prior or the candidates cannot be used, or no
+            candidate sees an object.
+        ConfigError: `top` or `far` is no such number.
+        OutputError: `out` cannot be written.
     """
+    top = checks.whole("--top", command.top, checks.Range(1), ConfigError)
+    if command.out is not None:
+        check_place(command.out / _DOCUMENT)
     folder = command.map.parent if command.map.suffix == ".json" else command.map
     object_map = ObjectMap.load(folder)
     targets = targets_from_map(
@@ -74,15 +87,21 @@ def run_next_view(command: NextViewCommand, console: Console) -> list[ViewGain]:
     ]
     width, height = command.size
     camera = Intrinsics(command.focal, command.focal, (width - 1) / 2, (height - 1) / 2, width, height)
+    config = NextViewConfig(camera, far=command.far)
     with console.status(f"looking at {len(targets)} objects"):
         views = next_views(
-            targets, _candidates(command, targets, object_map), NextViewConfig(camera),
+            targets, _candidates(command, targets, object_map), config,
             criterion=command.criterion, others=others,
         )  # fmt: skip
-    console.print(_table(views[: command.top], command.criterion))
+    if not any(gain.seen >= config.min_share for view in views for gain in view.objects.values()):
+        raise ActiveVisionError(
+            f"no candidate sees enough of an object between {config.near:g} and {config.far:g} m: change --distance, "
+            "--cameras or --far"
+        )
+    console.print(_table(views[:top], command.criterion))
     if command.out is not None:
         _write(command, command.out, views, targets, object_map)
-        console.print(f"written to {command.out}")
+        console.print(f"written to {command.out}", markup=False)
     return views
 
 
@@ -106,7 +125,7 @@ def _table(views: list[ViewGain], criterion: Criterion) -> Table:
         T = view.T_world_camera.matrix()
         parts = sorted(view.objects.items(), key=lambda item: -getattr(item[1], criterion))
         of = ", ".join(
-            f"{name} {UNITS[criterion] * getattr(gain, criterion):.3g}"
+            f"{escape(name)} {UNITS[criterion] * getattr(gain, criterion):.3g}"
             for name, gain in parts[:3]
             if gain.seen > 0
         )
@@ -144,7 +163,7 @@ def _write(
             for view in views
         ],
     }
-    write_file(out / "next_views.json", (json.dumps(document, indent=1) + "\n").encode())
+    write_file(out / _DOCUMENT, (json.dumps(document, indent=1) + "\n").encode())
     for entry in targets:
         own = sorted(
             _about(entry, views, command), key=lambda view: -getattr(view.objects[entry.name], criterion)

@@ -291,8 +291,9 @@ def toy_map(**changes) -> ObjectMap:
         "vertices": state.to_world(np.asarray(mesh.vertices)),
         "faces": np.asarray(mesh.faces),
     }
+    given = {"category": "chair", "status": "mapped"} | given
     entries = (
-        MappedObject(1, "chair", "mapped", **(given | changes)),
+        MappedObject(1, **(given | changes)),
         MappedObject(2, "chair", "failed", "seen in 3 pixels"),
     )
     return ObjectMap("room", entries, UP)
@@ -362,3 +363,15 @@ def test_the_picture_marks_where_it_was_seen_from(tmp_path, chair):
     seen = replace(chair, seen_from=(looking_at(np.array([2.0, 0.0, 1.0]), chair.centre, UP),))
     sphere_picture(seen, chair.surface_sigma, views, UP, marked)
     assert bare.read_bytes() != marked.read_bytes()
+
+
+def test_the_picture_has_one_scale_however_far_off_the_earlier_views_are(tmp_path, chair, monkeypatch):
+    drawn = []
+    monkeypatch.setattr("objgraph.show.next_view.finish", lambda figure, *_: drawn.append(figure))
+    far = replace(chair, seen_from=(looking_at(np.array([9.0, 0.0, 1.0]), chair.centre, UP),))
+    sphere_picture(
+        far, chair.surface_sigma, next_views([chair], about(chair), CONFIG), UP, tmp_path / "a.png"
+    )
+    for axis in drawn[0].axes[:2]:
+        edges = np.ptp([axis.get_xlim(), axis.get_ylim(), axis.get_zlim()], axis=1)
+        np.testing.assert_allclose(edges / edges[0], axis.get_box_aspect() / axis.get_box_aspect()[0])
