@@ -60,7 +60,9 @@ def run_calibrate(command: CalibrateCommand, console: Console) -> Calibration:
         calibration = calibration.beside(earlier)
     console.print(_table(calibration))
     calibration.save(command.out)
-    console.print(f"written to {command.out}: `objgraph map --calibration {command.out}` applies it")
+    console.print(
+        f"written to {command.out}: `objgraph map --calibration {command.out}` applies it", markup=False
+    )
     return calibration
 
 

@@ -77,7 +77,7 @@ def _scan(dataset: str, root: Path, command: DoctorCommand, console: Console) ->
             doctor_picture(scan.frames[found.best], scan.instances, scan.up_world, found.floor, path)
         except OutputError as error:
             return [*found.sections, Section("Picture", findings=(Finding.of(error, str(path)),))]
-        console.print(f"written to {path}")
+        console.print(f"written to {path}", markup=False)
     return found.sections
 
 

@@ -66,7 +66,7 @@ def run_evaluate_prior(command: EvaluatePriorCommand, console: Console) -> dict[
     prior = load_prior(command.prior or command.category)
     choice: Choice = "heldout" if command.heldout else "all" if command.all else "default"
     meshes = choose_meshes(command.meshes, command.category, prior, choice)
-    console.print(f"{len(meshes.names)} meshes: {meshes.chosen}")
+    console.print(f"{len(meshes.names)} meshes: {meshes.chosen}", markup=False)
     count = len(meshes.names)
     with progress(console, transient=True) as tell:
 
@@ -101,7 +101,7 @@ def run_evaluate_prior(command: EvaluatePriorCommand, console: Console) -> dict[
             f"first guess from {views} view{'s' * (views > 1)}: heading right {each.heading_right:.3f} "
             f"({each.heading_nll:.2f} nats), centre off {100 * each.centre_m:.1f} cm ({len(each.right)} objects)"
         )
-    console.print(f"written to {command.json}")
+    console.print(f"written to {command.json}", markup=False)
     return result
 
 

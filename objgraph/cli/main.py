@@ -92,7 +92,7 @@ def _train(arguments: list[str], console: "Console") -> None:
     from objgraph.training.decoder.train import TrainConfig
     from objgraph.training.export import train_command
 
-    console.print(f"written to {train_command(_parsed(TrainConfig, 'train', arguments))}")
+    console.print(f"written to {train_command(_parsed(TrainConfig, 'train', arguments))}", markup=False)
 
 
 def _train_guess(arguments: list[str], console: "Console") -> None:
@@ -102,7 +102,9 @@ def _train_guess(arguments: list[str], console: "Console") -> None:
     """
     from objgraph.training.guess.command import GuessCommand, guess_command
 
-    console.print(f"written to {guess_command(_parsed(GuessCommand, 'train-guess', arguments))}")
+    console.print(
+        f"written to {guess_command(_parsed(GuessCommand, 'train-guess', arguments))}", markup=False
+    )
 
 
 def _convert_prior(arguments: list[str], console: "Console") -> None:
@@ -112,7 +114,9 @@ def _convert_prior(arguments: list[str], console: "Console") -> None:
     """
     from objgraph.training.convert import ConvertConfig, convert_command
 
-    console.print(f"written to {convert_command(_parsed(ConvertConfig, 'convert-prior', arguments))}")
+    console.print(
+        f"written to {convert_command(_parsed(ConvertConfig, 'convert-prior', arguments))}", markup=False
+    )
 
 
 def _priors(arguments: list[str], console: "Console") -> None:
@@ -243,7 +247,9 @@ def _run(verb: str, arguments: list[str], loudness: int) -> int:
     from objgraph.work import keep_memory
 
     keep_memory()
-    width = None if sys.stdout.isatty() else int(os.environ.get("COLUMNS", "140"))
+    columns = os.environ.get("COLUMNS", "")
+    given = int(columns) if columns.isdecimal() else 0
+    width = None if sys.stdout.isatty() else given or 140
     console, errors = Console(width=width, quiet=loudness < 0), Console(width=width, stderr=True)
     logging.basicConfig(
         level={-1: logging.ERROR, 0: logging.WARNING, 1: logging.INFO}[loudness],

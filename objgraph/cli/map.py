@@ -160,7 +160,7 @@ def _map_lidar(
     console.print(map_table(object_map))
     street_picture(object_map, frame, out / PICTURE)
     write_report(out, frame.p_world)
-    console.print(_written(out))
+    console.print(_written(out), markup=False)
     return object_map
 
 
@@ -245,7 +245,7 @@ def _show(object_map: ObjectMap, errors: MapErrors | None, scan: Scan, out: Path
     if object_map.mapped:
         map_picture(object_map, points, colors, out / PICTURE)
     write_report(out, points, colors, object_pictures(object_map.mapped, scan.frames))
-    console.print(_written(out))
+    console.print(_written(out), markup=False)
 
 
 def points_of(scan: Scan) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 3"] | None]:

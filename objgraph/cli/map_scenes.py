@@ -62,7 +62,9 @@ def run_map_scenes(command: MapCommand, console: Console) -> None:
             console.print(f"{left[place]}: {said}", markup=False, highlight=False, soft_wrap=True)
             tell("mapping scans", count, len(names))
     console.print(
-        f"{len(names) - len(failed)} of {len(names)} scans are mapped in {command.out}", soft_wrap=True
+        f"{len(names) - len(failed)} of {len(names)} scans are mapped in {command.out}",
+        markup=False,
+        soft_wrap=True,
     )
     if failed:
         raise MapError(

@@ -75,7 +75,7 @@ def priors_command(command: PriorsCommand, console: Console) -> list[PriorEntry]
     console.print(priors_table(entries))
     if command.json is not None:
         _write(command.json, entries)
-        console.print(f"written to {command.json}")
+        console.print(f"written to {command.json}", markup=False)
     return entries
 
 

@@ -21,7 +21,7 @@ def progress(console: Console, transient: bool = False) -> Iterator[Progress]:
         yield _Lines(console)
         return
     left = TimeRemainingColumn(elapsed_when_finished=True)
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), left)
+    columns = (TextColumn("{task.description}", markup=False), BarColumn(), MofNCompleteColumn(), left)
     bar = Bar(*columns, console=console, transient=transient)
     task = bar.add_task("starting", total=None)
 

@@ -38,7 +38,7 @@ def run_report(command: ReportCommand, console: Console) -> Path:
         log.warning("the page has no points and no views: %s", error)
         write_report(command.folder)
     path = command.folder / REPORT
-    console.print(f"{path}: {path.stat().st_size / 1e6:.1f} MB", soft_wrap=True)
+    console.print(f"{path}: {path.stat().st_size / 1e6:.1f} MB", markup=False, soft_wrap=True)
     return path
 
 

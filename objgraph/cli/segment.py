@@ -90,7 +90,7 @@ def run_segment(command: SegmentCommand, console: Console) -> Path:
         write_folder(masks, lambda folder: _kitti(command.root, folder, segmenter))
     else:
         write_folder(masks, lambda folder: _scan(scan, folder, segmenter, up))
-    console.print(f"written to {masks}")
+    console.print(f"written to {masks}", markup=False)
     return masks
 
 

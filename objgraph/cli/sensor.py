@@ -59,7 +59,7 @@ def run_sensor(command: SensorCommand, console: Console) -> Sensor:
     console.print(_table(sensor))
     document = {"settings": sensor.settings()}
     write_file(command.out, (json.dumps(document, indent=1) + "\n").encode(), DatasetError)
-    console.print(f"written to {command.out}: `objgraph map --config {command.out}` takes it")
+    console.print(f"written to {command.out}: `objgraph map --config {command.out}` takes it", markup=False)
     return sensor
 
 

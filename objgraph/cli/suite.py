@@ -31,12 +31,14 @@ def run_suite(command: EvaluateCommand, console: Console, run: Run) -> None:
             own = _command(part, command)
             missing = [path for path in (own.root, own.meshes) if path is not None and not path.is_dir()]
             if missing:
-                console.print(f"{part.name}: left out, there is no {missing[0]}", soft_wrap=True)
+                console.print(
+                    f"{part.name}: left out, there is no {missing[0]}", markup=False, soft_wrap=True
+                )
                 continue
             console.rule(part.title)
             run(own, console, line_of(part, command))
     page = render(command.suite, command.out, command.render or command.out)
-    console.print(f"the page is {page}", soft_wrap=True)
+    console.print(f"the page is {page}", markup=False, soft_wrap=True)
 
 
 def _chosen(command: EvaluateCommand) -> list[Part]:

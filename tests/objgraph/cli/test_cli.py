@@ -5,10 +5,13 @@ import re
 import subprocess
 import sys
 
+import numpy as np
 import pytest
 
 from objgraph.cli.main import VERBS, main
 from objgraph.errors import ObjectGraphError
+from objgraph.maps.mapped_object import MappedObject
+from objgraph.maps.object_map import ObjectMap
 from objgraph.priors.fallback import fallback_prior
 from objgraph.priors.registry import WEIGHTS, available_priors
 from objgraph.priors.store import save_prior
@@ -194,6 +197,25 @@ def test_quiet_leaves_errors_alone(flag, printed, monkeypatch, capsys):
     assert main([flag, "map"]) == 1
     found = capsys.readouterr()
     assert (found.out, found.err) == (printed, "error: a fault\n")
+
+
+@pytest.mark.parametrize(("columns", "width"), [("", 140), ("0", 140), ("wide", 140), ("60", 60)])
+def test_the_width_is_what_columns_says_if_it_says_one(columns, width, monkeypatch):
+    seen = []
+    monkeypatch.setenv("COLUMNS", columns)
+    monkeypatch.setitem(VERBS, "map", lambda _, console: seen.append(console.width))
+    assert main(["map"]) == 0
+    assert seen == [width]
+
+
+def test_a_path_is_no_markup(tmp_path, capsys):
+    path = tmp_path / "[red] [" / "x].json"
+    assert main(["priors", "--json", str(path)]) == 0
+    assert str(path) in capsys.readouterr().out.replace("\n", "")
+    folder = tmp_path / "maps [" / "red]"
+    ObjectMap("room", (MappedObject(1, "chair", "failed", "unseen"),), np.array([0.0, 0.0, 1.0])).save(folder)
+    assert main(["report", str(folder)]) == 0
+    assert str(folder) in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(

@@ -55,6 +55,14 @@ def test_on_a_terminal_it_is_a_bar():
     assert "1 of 2" not in file.getvalue()
 
 
+def test_a_name_is_no_markup_on_a_terminal():
+    file = io.StringIO()
+    with progress(Console(file=file, width=80, force_terminal=True)) as tell:
+        tell("mapped box [/old] 1", 1, 2)
+        tell("mapped box [old] 1", 2, 2)
+    assert "box [old] 1" in file.getvalue()
+
+
 def test_a_mistake_that_is_found_first_is_told_alone():
     file = io.StringIO()
     with progress(Console(file=file, force_terminal=True)):

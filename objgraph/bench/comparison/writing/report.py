@@ -72,6 +72,8 @@ class Report:
         for table in self.tables:
             console.print(table.rich())
         console.print(
-            f"figures in {json}, tables, rows and plots in {folder}, {PAGE} shows them", soft_wrap=True
+            f"figures in {json}, tables, rows and plots in {folder}, {PAGE} shows them",
+            markup=False,
+            soft_wrap=True,
         )
         return document
