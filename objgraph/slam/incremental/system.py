@@ -221,7 +221,7 @@ class IncrementalSystem:
         newest: int | None = None,
         remove: Sequence[int] = (),
     ) -> list[int]:
-        """One step of the smoother; with a lag, objects and whatever is new live on.
+        """One step of the smoother; with a lag, objects live on, what is new, and what has new factors unless it is a camera.
 
         Raises:
             SolveError: nothing has been changed.
@@ -232,6 +232,9 @@ class IncrementalSystem:
             now = float(len(self.cameras) - (newest is None))
             times = {key: now for entry in self.objects for key in entry.keys}
             times |= {} if values is None else dict.fromkeys(values.keys(), now)
+            # a variable of the caller's lives on while factors come for it; cameras do not
+            touched = set[int]().union(*(factor.keys() for factor in factors)) - self.cameras.keys()
+            times |= {key: now for key in touched if self.smoother.has(key)}
         if newest is None and self.cameras:
             newest = next(reversed(self.cameras))
         return self.smoother.update(factors, values, remove=remove, newest=newest, times=times)

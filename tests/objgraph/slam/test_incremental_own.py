@@ -1,0 +1,44 @@
+"""Factors and variables of the caller's own in an incremental map."""
+
+from dataclasses import replace
+
+import gtsam
+import numpy as np
+from gtsam.symbol_shorthand import L, X
+
+from objgraph.observation.frames import Frame
+from objgraph.slam import IncrementalConfig, IncrementalObjectGraph
+from tests.toys import toy_frame, toy_state
+
+UP = np.array([0.0, 0.0, 1.0])
+FRAME = toy_frame([toy_state()], 0.3)
+LANDMARK = np.array([1.0, 0.0, 0.0])
+NOISE = gtsam.noiseModel.Isotropic.Sigma(3, 0.05)
+
+
+def frame(k: int) -> Frame:
+    T = FRAME.T_world_camera.copy()
+    T[0, 3] += 0.1 * k
+    return replace(FRAME, name=str(k), T_world_camera=T)
+
+
+def sight(k: int) -> gtsam.NonlinearFactor:
+    """Of the landmark, in the k-th frame."""
+    seen = gtsam.Pose3(frame(k).T_world_camera).transformTo(LANDMARK)
+    return gtsam.BearingRangeFactor3D(X(k), L(0), gtsam.Unit3(seen), float(np.linalg.norm(seen)), NOISE)
+
+
+def landmark() -> gtsam.Values:
+    values = gtsam.Values()
+    values.insert(L(0), LANDMARK)
+    return values
+
+
+def test_a_landmark_lives_as_long_as_it_is_seen_and_cameras_do_not():
+    objects, held = IncrementalObjectGraph(UP, config=IncrementalConfig(lag=3.0)), []
+    for k in range(12):
+        factors = [sight(k)] if k < 7 else []
+        objects.update(frame(k), [], factors=factors, values=landmark() if k == 0 else None)
+        held.append(objects.system.smoother.has(L(0)))
+    assert held == [k < 10 for k in range(12)]
+    assert not objects.system.smoother.has(X(7))
