@@ -332,7 +332,12 @@ class FrontEnd:
         reasons = []
         for merge in duplicates([self._alone(entry) for entry in entries], self.config.association):
             keep, drop = entries[merge.keep], entries[merge.drop]
-            self.system.adopt(keep, self._held(drop), instead_of=drop)
+            try:
+                self.system.adopt(keep, self._held(drop), instead_of=drop)
+            except ObjectGraphError as error:
+                reasons.append(f"{drop.name} is not merged with {keep.name}: {error}")
+                _LOG.warning("%s", reasons[-1])
+                continue
             self._centres.remove(drop.name)
             reasons.append(merge.reason)
         return reasons

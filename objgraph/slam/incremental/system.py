@@ -180,13 +180,15 @@ class IncrementalSystem:
     ) -> None:
         """Views that turn out to be of this object; with `instead_of`, another one leaves the map for it.
 
+        What views of that one that are past the lag have said of cameras stays in the smoother.
+
         Raises:
             SolveError: nothing has been changed.
         """
         observations = self.observations(entry, placed)
         cameras = sorted({camera for camera, _ in placed})
         at = self.solved([entry], cameras, observations, gtsam.Values())
-        remove = [] if instead_of is None else self.numbers_of(instead_of)
+        remove = [] if instead_of is None else self._to_remove(instead_of)
         quadratics = linearize(observations, at, self.slope)
         entered(observations, quadratics, self.commit(quadratics, remove=remove), at)
         entry.observations += observations
@@ -293,6 +295,16 @@ class IncrementalSystem:
         freeze(observations, problem.values, self.slope)
         at = settled(problem, priors, observations, self.config)
         return priors, observations, linearize_frozen(observations, at), at
+
+    def _to_remove(self, entry: TrackedObject) -> list[int]:
+        """Numbers of the factors that go with the object: not its priors where the lag has made a factor on it of lost views,
+        which alone does not determine it."""
+        self.prune(entry)
+        if entry.has_lost_views:
+            return [
+                observation.number for observation in entry.observations if observation.camera is not None
+            ]
+        return self.numbers_of(entry)
 
     def numbers_of(self, entry: TrackedObject) -> list[int]:
         """Of all factors on the object."""

@@ -70,6 +70,11 @@ class TrackedObject:
         return [(o.camera, o.view) for o in self.observations if o.camera is not None and o.view is not None]
 
     @property
+    def has_lost_views(self) -> bool:
+        """Whether views of it are past the lag, once the system has pruned it: what they said is in the smoother for good."""
+        return len(self.placed_views) < self.views
+
+    @property
     def is_due(self) -> bool:
         """Whether it is to be solved again as a whole: at 5 views, then each time that they have doubled (9, 17, ...)."""
         return self.views >= twice(self.views_solved)

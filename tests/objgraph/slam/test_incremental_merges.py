@@ -1,0 +1,63 @@
+"""Objects that the map has twice become one: whatever the lag has taken, and nothing of the caller's is lost."""
+
+import numpy as np
+import pytest
+from gtsam.symbol_shorthand import X
+
+from objgraph.errors import SolveError
+from objgraph.slam.association import Merge
+from objgraph.slam.incremental import front_end
+from objgraph.slam.incremental.front_end import FrontEnd
+from objgraph.slam.incremental.system import IncrementalSystem
+from objgraph.slam.incremental.tracked import TrackedObject
+from tests.objgraph.slam.undecoded import enter, see, undecoded
+from tests.toys import toy_prior
+
+LAG = 3.0
+
+
+def doubles(system: IncrementalSystem, frames: int, count: int = 2) -> list[TrackedObject]:
+    """Objects seen in the first three frames, the first of them in all."""
+    see(system, 0, [])
+    see(system, 1, [])
+    entries = [enter(system, i, [X(0), X(1)]) for i in range(count)]
+    for k in range(2, frames):
+        see(system, k, entries if k == 2 else entries[:1])
+    return entries
+
+
+@pytest.mark.parametrize("frames", [4, 5, 6, 7])
+def test_an_object_merges_whatever_of_it_is_past_the_lag(monkeypatch, frames):
+    """None of its views, one, two, all: it leaves the map, and with the last of its cameras the smoother."""
+    system = undecoded(monkeypatch, LAG)
+    keep, drop = doubles(system, frames)
+    held = [(camera, view) for camera, view in drop.placed_views if system.smoother.has(camera)]
+    assert len(held) == 7 - frames
+    system.adopt(keep, held, instead_of=drop)
+    assert system.objects == [keep]
+    assert keep.views == frames + 3
+    for k in range(frames, frames + 6):
+        see(system, k, [keep])
+        left = {system.smoother.has(key) for key in drop.keys}
+        assert len(left) == 1  # never without its priors
+        for entry in (keep, drop) if left == {True} else (keep,):
+            sigma = np.sqrt(np.diag(system.smoother.covariance([*entry.keys])))
+            assert sigma.max() < 1 + 1e-6
+    assert not any(system.smoother.has(key) for key in drop.keys)
+
+
+def test_a_merge_that_fails_costs_none_of_the_others(monkeypatch):
+    system = undecoded(monkeypatch)
+    entries, adopt = doubles(system, 4, count=3), system.adopt
+    merges = [Merge(0, 1, "1 is 0", 0.0, 1.0), Merge(0, 2, "2 is 0", 0.0, 1.0)]
+    monkeypatch.setattr(front_end, "duplicates", lambda *_: merges)
+
+    def fail_once(keep, placed, instead_of):
+        monkeypatch.setattr(system, "adopt", adopt)
+        raise SolveError("they do not fit")
+
+    monkeypatch.setattr(system, "adopt", fail_once)
+    objects = FrontEnd(system, lambda _: toy_prior(), lambda _: entries[0].keys)
+    objects._note_centres(entries)
+    assert objects._merge(entries) == ["chair 1 is not merged with chair 0: they do not fit", "2 is 0"]
+    assert system.objects == entries[:2]
