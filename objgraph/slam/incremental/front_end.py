@@ -1,6 +1,7 @@
 """What is the same whoever owns the smoother: which detections are which objects, what enters, what is renewed."""
 
 import logging
+from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -11,7 +12,7 @@ from jaxtyping import Float
 from factors import checks
 from factors.state import ObjectKeys, ObjectState
 from objgraph.covariance.labelled import ObjectCovariance
-from objgraph.errors import ConfigError, ObjectGraphError, PriorError
+from objgraph.errors import ConfigError, ObjectGraphError, ObservationError, PriorError
 from objgraph.graph.builder import ObjectBuilder
 from objgraph.observation.frames import Frame, Instance
 from objgraph.observation.sampling import ObjectView, observe
@@ -59,6 +60,17 @@ class Sightings:
     """Of objects that wait for more views."""
     new: list[tuple[ObjectView, ShapePrior]]
     reasons: list[str]
+
+
+def checked(frame: Frame, detections: Sequence[Instance]) -> tuple[Instance, ...]:
+    """A frame's detections; raises ObservationError where one of them or the frame is none, or two are of one mask."""
+    checks.instance("frame", frame, Frame, ObservationError)
+    where = f"frame {frame.name}: detections"
+    detections = checks.tuple_of(where, detections, Instance, ObservationError)
+    for detection, count in Counter(each.id for each in detections).items():
+        if count > 1:  # every pixel of it would count as often
+            raise ObservationError(f"{where} name object {detection} {count} times: name each mask once")
+    return detections
 
 
 class FrontEnd:

@@ -18,7 +18,7 @@ from objgraph.observation.sampling import rigid_pose
 from objgraph.priors.registry import prior_for
 from objgraph.priors.shape_prior import ShapePrior
 from objgraph.slam.incremental.config import IncrementalConfig
-from objgraph.slam.incremental.front_end import FrameReport, FrontEnd
+from objgraph.slam.incremental.front_end import FrameReport, FrontEnd, checked
 from objgraph.slam.incremental.motion import Motion, anchored, moved
 from objgraph.slam.incremental.smoother import Smoother
 from objgraph.slam.incremental.system import IncrementalSystem
@@ -86,13 +86,11 @@ class IncrementalObjectGraph(FrontEnd):
         own, which may be on that key.
 
         Raises:
-            ObservationError: the frame's pose is no rigid motion.
+            ObservationError: the frame's pose is no rigid motion, or two detections have one id.
             SolveError: the key is taken, or the update cannot be solved, for instance because a variable of the caller's
                 is not determined. In any case the map is as it was before.
         """
-        checks.instance("frame", frame, Frame, ObservationError)
-        where = f"frame {frame.name}"
-        detections = checks.tuple_of(f"{where}: detections", detections, Instance, ObservationError)
+        detections, where = checked(frame, detections), f"frame {frame.name}"
         factors = checks.tuple_of(f"{where}: factors", factors, gtsam.NonlinearFactor, SolveError)
         if values is not None:
             checks.instance(f"{where}: values", values, gtsam.Values, SolveError)

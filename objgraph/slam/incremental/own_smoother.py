@@ -17,7 +17,7 @@ from objgraph.observation.sampling import ObjectView
 from objgraph.priors.registry import prior_for
 from objgraph.priors.shape_prior import ShapePrior
 from objgraph.slam.incremental.config import IncrementalConfig
-from objgraph.slam.incremental.front_end import FrameReport, FrontEnd
+from objgraph.slam.incremental.front_end import FrameReport, FrontEnd, checked
 from objgraph.slam.incremental.motion import known_already
 from objgraph.slam.incremental.staged import StagedSmoother
 from objgraph.slam.incremental.system import IncrementalSystem
@@ -114,13 +114,12 @@ class ObjectFrontEnd:
         linearised anew.
 
         Raises:
+            ObservationError: two detections have one id.
             SolveError: the camera is not in the smoother, or the last step's factors have no slots yet; nothing has been
                 changed.
         """
-        checks.instance("frame", frame, Frame, ObservationError)
-        where = f"frame {frame.name}"
-        detections = checks.tuple_of(f"{where}: detections", detections, Instance, ObservationError)
-        camera = checks.key(f"{where}: camera", camera, SolveError)
+        detections = checked(frame, detections)
+        camera = checks.key(f"frame {frame.name}: camera", camera, SolveError)
         self._staged.check_accepted()
         if camera in self._tracker.cameras:
             raise SolveError(f"frame {frame.name}: its camera has been given with an earlier frame already")

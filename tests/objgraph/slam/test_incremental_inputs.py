@@ -21,6 +21,11 @@ OWN.insert(X(0), gtsam.Pose3())
     [
         ({"frame": None}, ObservationError, "frame must be of type Frame"),
         ({"detections": [1]}, ObservationError, r"frame 0: detections\[0\] must be of type Instance"),
+        (
+            {"detections": [Instance(2, "chair"), Instance(1, "chair"), Instance(1, "table")]},
+            ObservationError,
+            "frame 0: detections name object 1 2 times",
+        ),
         ({"camera": "x0"}, SolveError, "frame 0: camera must be a key"),
         ({"factors": [None]}, SolveError, r"frame 0: factors\[0\] must be of type NonlinearFactor"),
         ({"values": {}}, SolveError, "frame 0: values must be of type Values"),
@@ -74,3 +79,5 @@ def test_what_is_no_smoother_or_no_camera_of_it_is_named():
     front_end = ObjectFrontEnd(gtsam.ISAM2(), UP, find_prior=lambda _: toy_prior())
     with pytest.raises(SolveError, match="x0"):
         front_end.step(FRAME, [], camera=X(0))
+    with pytest.raises(ObservationError, match="name object 1 2 times"):
+        front_end.step(FRAME, [Instance(1, "chair")] * 2, camera=X(0))
