@@ -10,7 +10,7 @@ from objgraph.covariance.quantile import squared_limit
 from objgraph.errors import SolveError
 from objgraph.graph.solve import LevenbergMarquardtConfig, Problem, minimize, solve
 from objgraph.slam.incremental.config import IncrementalConfig
-from objgraph.slam.incremental.tracked import Observation
+from objgraph.slam.incremental.tracked import Observation, TrackedObject
 
 _CLOSELY = LevenbergMarquardtConfig(iterations=20, relative_tolerance=1e-5)
 """Where an object enters: what is then left to go is for the smoother's first step."""
@@ -98,21 +98,21 @@ def settled(
     problem: Problem,
     priors: Sequence[gtsam.NonlinearFactor],
     observations: Sequence[Observation],
-    config: IncrementalConfig,
+    entry: TrackedObject,
 ) -> gtsam.Values:
     """A solved problem's optimum with everything frozen as it is, if it is one to begin from.
 
     Raises:
         SolveError: the smoother's first step, which is undamped, leads far uphill, or to what is unlike all that the
-            `priors` know, or elsewhere than the views: the start was too far off.
+            `priors` of `entry` know, or elsewhere than the views: the start was too far off.
     """
     minimize(problem, _CLOSELY)
     first = problem.values.retract(_full_step(problem))
     rise = problem.cost_at(first) - problem.cost
     if not rise < problem.values.dim() / 2:  # as a draw from the posterior, if it is Gaussian, on average is
         raise SolveError(_too_far(problem, f"a full step from there costs {rise:.1f} more"))
-    squared = 2 * sum(factor.error(first) for factor in priors)
-    limit = squared_limit(_PLAUSIBLE, sum(factor.dim() for factor in priors))
+    squared, dimension = _unlikeness(priors, first, entry)
+    limit = squared_limit(_PLAUSIBLE, dimension)
     if squared > limit:
         raise SolveError(
             _too_far(
@@ -128,6 +128,19 @@ def settled(
             )
         )
     return problem.values
+
+
+def _unlikeness(
+    priors: Sequence[gtsam.NonlinearFactor], values: gtsam.Values, entry: TrackedObject
+) -> tuple[float, int]:
+    """The object's squared Mahalanobis length under its priors, and over how many dimensions."""
+    squared, dimension = 2 * sum(factor.error(values) for factor in priors), sum(f.dim() for f in priors)
+    kinds = entry.prior.kinds
+    if kinds is not None:  # a rare kind is not unlike itself: the length is that from the nearest kind
+        costs = kinds.costs(values.atVector(entry.keys.code)[None])[0]
+        squared += 2 * ((costs - kinds.rarity).min() - costs.min())
+        dimension -= 1
+    return squared, dimension
 
 
 def _too_far(problem: Problem, why: str) -> str:

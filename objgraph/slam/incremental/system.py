@@ -293,7 +293,7 @@ class IncrementalSystem:
         known = [*self.smoother.marginal_factors(cameras), *priors]
         problem = solved(entry.name, known, observations, start, self.config)
         freeze(observations, problem.values, self.slope)
-        at = settled(problem, priors, observations, self.config)
+        at = settled(problem, priors, observations, entry)
         return priors, observations, linearize_frozen(observations, at), at
 
     def _to_remove(self, entry: TrackedObject) -> list[int]:
