@@ -11,7 +11,7 @@ from factors.state import ObjectState
 from objgraph.covariance.box import BoxPose, box_pose
 from objgraph.covariance.heading_modes import HeadingModes
 from objgraph.covariance.labelled import ObjectCovariance
-from objgraph.errors import CovarianceError
+from objgraph.errors import CovarianceError, InitialisationError
 from objgraph.estimate.task import Estimate, EstimationTask
 from objgraph.graph.builder import ObjectBuilder
 from objgraph.graph.initialise import FirstStates, first_states
@@ -63,7 +63,7 @@ def judge(objects: Objects, handle: Handle, calibration: Calibration | None = No
 
     Raises:
         ObservationError: the graph does not know which way is up.
-        InitialisationError: its views show too few points.
+        InitialisationError: its views show too few points, or it has none.
         CovarianceError: the calibration is none.
         SolveError: the graph leaves the object undetermined, or its code has no surface.
     """
@@ -73,6 +73,10 @@ def judge(objects: Objects, handle: Handle, calibration: Calibration | None = No
     if known.of(prior.category, prior.digest) is None:
         return None
     state, views, builder = objects.state(handle), objects.views(handle), objects.builder
+    if not views:
+        raise InitialisationError(
+            f"{handle.name} has no views to be judged by: observe it, or with a lag judge it before they are past that"
+        )
     first = first_states(prior, views, builder)
     turns = handle.other_headings or _other_headings(state, first)
     task = EstimationTask(
