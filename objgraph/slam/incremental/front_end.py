@@ -291,7 +291,9 @@ class FrontEnd:
                 except ObjectGraphError as error:
                     reasons.append(f"{entry.name} does not enter: {error}")
             elif not entry.views or len(self.cameras) - entry.last_seen > self.config.patience:
-                reasons.append(f"{entry.name} is given up: not seen again for {self.config.patience} frames")
+                unseen = f"not seen again for {self.config.patience} frames"
+                why = unseen if entry.views else "the cameras that saw it are past the lag"
+                reasons.append(f"{entry.name} is given up: {why}")
             else:
                 waiting.append(entry)
         self._pending = waiting
@@ -307,10 +309,10 @@ class FrontEnd:
         views = [view.at(pending.cameras[key]) for key, view in pending.views]
         alone = Alone(pending.name, pending.prior, views, self.system.builder, self.config)
         pending.estimate = alone.first()
-        trust = None if len(views) >= VIEWS_ENOUGH else alone.trust(pending.estimate)
+        trust = None if pending.sightings >= VIEWS_ENOUGH else alone.trust(pending.estimate)
         if trust is None or not trust.is_poor:
             return None
-        pending.awaited = twice(len(views))
+        pending.awaited = twice(pending.sightings)
         return f"{pending.name} waits for {pending.awaited} views: its pose is right with {trust.percent} %"
 
     def _enter(self, pending: PendingObject) -> list[str]:

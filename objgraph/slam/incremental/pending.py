@@ -31,13 +31,16 @@ class PendingObject:
     cameras: dict[int, gtsam.Pose3] = field(default_factory=dict)
     """T_world_camera of the views, where the estimate belongs to them."""
     awaited: int = 0
-    """Views that are due before it may enter, where fewer left it in doubt."""
+    """Sightings that are due before it may enter, where fewer left it in doubt."""
+    sightings: int = 1
+    """How often it was ever seen; with a lag, more than it has views of."""
 
     def see(self, camera: int, T_world_camera: gtsam.Pose3, view: ObjectView, number: int) -> None:
         """One more view, in the frame of this number."""
         self.views.append((camera, view))
         self.cameras[camera] = T_world_camera
         self.last_seen = number
+        self.sightings += 1
 
     def follow(self, cameras: dict[int, gtsam.Pose3]) -> None:
         """Go along with the cameras that saw it, which the map may have moved; views of others are forgotten."""
@@ -63,7 +66,7 @@ class PendingObject:
 
     def is_ripe(self, config: IncrementalConfig) -> bool:
         """Whether it was seen often enough, and from directions that differ enough."""
-        if len(self.views) < max(config.views_to_enter, self.awaited):
+        if len(self.views) < config.views_to_enter or self.sightings < self.awaited:
             return False
         centre = self.estimate.state.T_world_object.translation()
         towards = [self.cameras[key].translation() - centre for key, _ in self.views]
