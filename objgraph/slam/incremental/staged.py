@@ -1,7 +1,7 @@
 """A smoother that is the caller's: read from, never written to."""
 
 import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import NamedTuple
 
 import gtsam
@@ -94,6 +94,13 @@ class StagedSmoother:
                 "the last step's factors have no slots yet: update your smoother, then call "
                 "`accept(smoother.update(...).getNewFactorsIndices())`"
             )
+
+    def factors_without(self, numbers: Collection[int]) -> list[gtsam.NonlinearFactor]:
+        """All factors but those of these numbers, and but those that are to be removed; a fixed lag's own among them."""
+        graph = self._isam.getFactorsUnsafe()
+        out = {*self._remove, *(self._slots[number][0] for number in numbers if number in self._slots)}
+        held = [graph.at(i) for i in range(graph.size()) if i not in out and graph.exists(i)]
+        return [*held, *(factor for number, factor in self._new.items() if number not in numbers)]
 
     def has(self, key: int) -> bool:
         return self._values.exists(key) or self._isam.valueExists(key)

@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from factors import checks
+from factors.keys import readable_key
 from factors.state import ObjectState
 from objgraph.errors import ObservationError, SolveError
 from objgraph.graph.builder import ObjectBuilder
@@ -183,8 +184,10 @@ class IncrementalSystem:
         What views of that one that are past the lag have said of cameras stays in the smoother.
 
         Raises:
-            SolveError: nothing has been changed.
+            SolveError: nothing has been changed; a factor of the caller's is on the object that would leave, for instance.
         """
+        if instead_of is not None:
+            self.check_free(instead_of)
         observations = self.observations(entry, placed)
         cameras = sorted({camera for camera, _ in placed})
         at = self.solved([entry], cameras, observations, gtsam.Values())
@@ -264,7 +267,8 @@ class IncrementalSystem:
         for factor in self._others:
             graph.push_back(factor)
         assert isinstance(self.smoother, Smoother)
-        keys = set().union(*(factor.keys() for factor in self._others))
+        keys = set[int]().union(*(factor.keys() for factor in self._others))
+        keys -= {key for entry in self.objects for key in entry.keys}
         values.insert(self.smoother.estimate().extract(gtsam.KeyVector(sorted(keys))))
         up_world, floor = self.builder.up_world, self.builder.floor
         objects = ObjectGraph(graph, values, self.config.graph, up_world=up_world, floor=floor)
@@ -299,12 +303,22 @@ class IncrementalSystem:
     def _to_remove(self, entry: TrackedObject) -> list[int]:
         """Numbers of the factors that go with the object: not its priors where the lag has made a factor on it of lost views,
         which alone does not determine it."""
-        self.prune(entry)
         if entry.has_lost_views:
             return [
                 observation.number for observation in entry.observations if observation.camera is not None
             ]
         return self.numbers_of(entry)
+
+    def check_free(self, entry: TrackedObject) -> None:
+        """Raise SolveError where a factor of the caller's is on the object: it would be lost with the object's variables."""
+        self.prune(entry)
+        own = set(entry.keys)
+        for factor in self.smoother.factors_without(self.numbers_of(entry)):
+            # of lost views the lag has made such factors
+            of_lag = entry.has_lost_views and isinstance(factor, gtsam.LinearContainerFactor)
+            if not of_lag and own.intersection(factor.keys()):
+                names = ", ".join(map(readable_key, factor.keys()))
+                raise SolveError(f"{entry.name} stays as it is: a factor of yours on {names} holds it")
 
     def numbers_of(self, entry: TrackedObject) -> list[int]:
         """Of all factors on the object."""

@@ -84,6 +84,7 @@ class Upkeep:
 
     def _turn(self, entry: TrackedObject, keys: ObjectKeys, state: ObjectState) -> None:
         """The object anew, under other keys; raises SolveError, and has then changed nothing."""
+        self._system.check_free(entry)
         anew = replace(entry, keys=keys)
         priors, observations, quadratics, at = self._system.settled_at(anew, state, entry.placed_views)
         values = at.extract(gtsam.KeyVector([*keys]))

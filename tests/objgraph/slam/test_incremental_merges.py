@@ -1,16 +1,19 @@
 """Objects that the map has twice become one: whatever the lag has taken, and nothing of the caller's is lost."""
 
+import gtsam
 import numpy as np
 import pytest
 from gtsam.symbol_shorthand import X
 
+from factors.state import ObjectKeys
 from objgraph.errors import SolveError
 from objgraph.slam.association import Merge
 from objgraph.slam.incremental import front_end
 from objgraph.slam.incremental.front_end import FrontEnd
 from objgraph.slam.incremental.system import IncrementalSystem
 from objgraph.slam.incremental.tracked import TrackedObject
-from tests.objgraph.slam.undecoded import enter, see, undecoded
+from objgraph.slam.incremental.upkeep import Upkeep
+from tests.objgraph.slam.undecoded import NOISE, enter, see, undecoded
 from tests.toys import toy_prior
 
 LAG = 3.0
@@ -44,6 +47,22 @@ def test_an_object_merges_whatever_of_it_is_past_the_lag(monkeypatch, frames):
             sigma = np.sqrt(np.diag(system.smoother.covariance([*entry.keys])))
             assert sigma.max() < 1 + 1e-6
     assert not any(system.smoother.has(key) for key in drop.keys)
+
+
+@pytest.mark.parametrize("lag", [None, LAG])
+def test_an_object_that_a_factor_of_the_caller_s_holds_neither_merges_nor_turns(monkeypatch, lag):
+    system = undecoded(monkeypatch, lag)
+    keep, drop = doubles(system, 3)
+    see(system, 3, [], [gtsam.PriorFactorPose3(drop.keys.pose, gtsam.Pose3(), NOISE)])
+    held = "chair 1 stays as it is: a factor of yours on o1 holds it"
+    with pytest.raises(SolveError, match=held):
+        system.adopt(keep, drop.placed_views, instead_of=drop)
+    with pytest.raises(SolveError, match=held):
+        Upkeep(system)._turn(drop, ObjectKeys.numbered(2), system.state(drop))
+    assert system.objects == [keep, drop]
+    assert system.smoother.has(drop.keys.pose)
+    system.adopt(drop, keep.placed_views, instead_of=keep)
+    assert system.objects == [drop]
 
 
 def test_a_merge_that_fails_costs_none_of_the_others(monkeypatch):

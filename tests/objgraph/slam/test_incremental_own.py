@@ -4,10 +4,12 @@ from dataclasses import replace
 
 import gtsam
 import numpy as np
+import pytest
 from gtsam.symbol_shorthand import L, X
 
 from objgraph.observation.frames import Frame
 from objgraph.slam import IncrementalConfig, IncrementalObjectGraph
+from tests.objgraph.slam.undecoded import enter, see, undecoded
 from tests.toys import toy_frame, toy_state
 
 UP = np.array([0.0, 0.0, 1.0])
@@ -42,3 +44,20 @@ def test_a_landmark_lives_as_long_as_it_is_seen_and_cameras_do_not():
         held.append(objects.system.smoother.has(L(0)))
     assert held == [k < 10 for k in range(12)]
     assert not objects.system.smoother.has(X(7))
+
+
+def test_a_map_whose_object_a_factor_of_the_caller_s_holds_has_a_batch_graph(monkeypatch):
+    system = undecoded(monkeypatch)
+    for k in range(2):
+        see(system, k, [])
+    entry = enter(system, 0, [X(0), X(1)])
+    noise = gtsam.noiseModel.Isotropic.Sigma(6, 0.1)
+    see(system, 2, [], [gtsam.BetweenFactorPose3(X(2), entry.keys.pose, gtsam.Pose3(), noise)])
+    entry.observations.clear()  # which are none that a graph takes
+    monkeypatch.setattr(system, "state", lambda _: toy_state())
+    batch = system.batch()
+    (held,) = (
+        i for i in range(batch.graph.size()) if list(batch.graph.at(i).keys()) == [X(2), entry.keys.pose]
+    )
+    assert held not in batch.objects[0].slots
+    assert batch.state(batch.objects[0]).log_scale == pytest.approx(toy_state().log_scale)
