@@ -64,7 +64,7 @@ class IncrementalObjectGraph(FrontEnd):
     def next_camera(self) -> int:
         """The key that the next frame's camera will have, unless another is given."""
         index = len(self.cameras)
-        while X(index) in self.cameras:
+        while X(index) in self.cameras or self._smoother.has(X(index)):
             index += 1
         return X(index)
 
@@ -126,8 +126,10 @@ class IncrementalObjectGraph(FrontEnd):
         Costs as much as the map is large. What it finds is the optimum of `batch()` as that is frozen afterwards.
 
         Raises:
-            SolveError: the map cannot be solved as a whole; it is as it was before.
+            SolveError: `rounds` is no whole number of at most 1000, or the map cannot be solved as a whole; it is as it
+                was before.
         """
+        rounds = checks.whole("rounds", rounds, checks.Range(0, 1000), SolveError)
         self.system.solve_whole(rounds)
         self._note_centres(self.objects)
 

@@ -52,12 +52,16 @@ class Smoother:
         to live on.
 
         Raises:
-            SolveError: the system cannot be solved, or a factor could not be evaluated or is not there to be removed;
-                nothing has been changed.
+            SolveError: the system cannot be solved, no factor is on a new variable, or a factor could not be evaluated or
+                is not there to be removed; nothing has been changed.
         """
-        graph = gtsam.NonlinearFactorGraph()
+        graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values() if values is None else values
         for factor in factors:
             graph.push_back(factor)
+        loose = set(values.keys()) - set(graph.keyVector())
+        if loose:
+            names = ", ".join(map(readable_key, sorted(loose)))
+            raise SolveError(f"{names}: no factor of this update says anything of them")
         gone = [number for number in remove if not self.holds(number)]
         if gone:
             raise SolveError(
@@ -66,7 +70,7 @@ class Smoother:
         slots = [self._slots[number] for number in remove]
         before = None if self._lag is None else self._listed()
         try:
-            found = self._step(graph, values or gtsam.Values(), slots, newest, times or {})
+            found = self._step(graph, values, slots, newest, times or {})
         except (
             Exception
         ) as error:  # whatever it was: Python's own from a custom factor, GTSAM's from the solution
@@ -117,8 +121,9 @@ class Smoother:
         return number in self._slots
 
     def pose(self, key: int) -> gtsam.Pose3:
+        """A variable's estimate; raises SolveError where it is not in the system, or no pose."""
         self._check([key])
-        return self._isam.calculateEstimatePose3(key)
+        return pose_of(self._isam, key)
 
     def vector(self, key: int) -> Float[np.ndarray, "d"]:
         self._check([key])
@@ -228,7 +233,7 @@ class Smoother:
 
 def marginal_factors(isam: gtsam.ISAM2, keys: Sequence[int]) -> list[gtsam.LinearContainerFactor]:
     """Factors on `keys` alone that say of them what the whole system does; raises SolveError where it hardly does."""
-    point, joint = isam.getLinearizationPoint(), _determined(keys, isam.joint)
+    point, joint = isam.getLinearizationPoint(), determined(keys, isam.joint)
     parts = [joint.at(i) for i in range(joint.size())]
     return [
         gtsam.LinearContainerFactor(part, point.extract(gtsam.KeyVector(list(part.keys())))) for part in parts
@@ -237,12 +242,22 @@ def marginal_factors(isam: gtsam.ISAM2, keys: Sequence[int]) -> list[gtsam.Linea
 
 def joint_covariance(isam: gtsam.ISAM2, keys: Sequence[int]) -> Float[np.ndarray, "d d"]:
     """Joint marginal covariance of `keys`, in their order; raises SolveError where the system hardly determines them."""
-    return _determined(keys, lambda keys: tree.joint_covariance(isam, keys))
+    return determined(keys, lambda keys: tree.joint_covariance(isam, keys))
 
 
-def _determined(keys: Sequence[int], query: Callable[[gtsam.KeyVector], _T]) -> _T:
+def pose_of(isam: gtsam.ISAM2, key: int) -> gtsam.Pose3:
+    """The estimate of a variable that the system has; raises SolveError where it is of something else."""
+    try:
+        return isam.calculateEstimatePose3(key)
+    except RuntimeError as error:
+        raise SolveError(f"{readable_key(key)} holds no pose") from error
+
+
+def determined(keys: Sequence[int], query: Callable[[gtsam.KeyVector], _T]) -> _T:
+    """What a query of these variables answers; raises SolveError where the system does not determine them."""
     try:
         return query(gtsam.KeyVector([*keys]))
-    except RuntimeError as error:  # GTSAM's "indeterminate linear system"
+    # GTSAM's "indeterminate linear system", or a variable without any factor
+    except (RuntimeError, IndexError) as error:
         names = ", ".join(readable_key(key) for key in keys)
         raise SolveError(f"{names}: the incremental system hardly determines them: {error}") from error

@@ -10,7 +10,7 @@ from jaxtyping import Float
 
 from factors.keys import readable_key
 from objgraph.errors import SolveError
-from objgraph.slam.incremental.smoother import joint_covariance, marginal_factors
+from objgraph.slam.incremental.smoother import determined, joint_covariance, marginal_factors, pose_of
 
 
 class Changes(NamedTuple):
@@ -44,7 +44,16 @@ class StagedSmoother:
         newest: int | None = None,
         times: Mapping[int, float] | None = None,
     ) -> list[int]:
-        """Note what is to be added and removed; the new factors' numbers. Raises SolveError for what is not there."""
+        """Note what is to be added and removed; the new factors' numbers.
+
+        Raises:
+            SolveError: a factor to be removed is not there, or a new variable's key is taken; nothing has been changed.
+        """
+        taken = [] if values is None else list(filter(self.has, values.keys()))
+        if taken:
+            raise SolveError(
+                f"{', '.join(map(readable_key, taken))}: in your smoother already: give other object_keys"
+            )
         gone = [number for number in remove if not self.holds(number)]
         if gone:
             raise SolveError(f"factors {gone} cannot be removed: they are not in your smoother any more")
@@ -116,7 +125,7 @@ class StagedSmoother:
     def pose(self, key: int) -> gtsam.Pose3:
         self._check([key])
         values = self._values
-        return values.atPose3(key) if values.exists(key) else self._isam.calculateEstimatePose3(key)
+        return values.atPose3(key) if values.exists(key) else pose_of(self._isam, key)
 
     def vector(self, key: int) -> Float[np.ndarray, "d"]:
         self._check([key])
@@ -156,7 +165,7 @@ class StagedSmoother:
         for factor in marginal_factors(self._isam, [k for k in reached if not self._values.exists(k)]):
             graph.push_back(factor)
         local = gtsam.ISAM2()
-        local.update(graph, values)
+        determined(keys, lambda _: local.update(graph, values))
         return local
 
     def _check(self, keys: Sequence[int]) -> None:

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from gtsam.symbol_shorthand import L, X
 
+from objgraph.errors import SolveError
 from objgraph.observation.frames import Frame
 from objgraph.slam import IncrementalConfig, IncrementalObjectGraph
 from tests.objgraph.slam.undecoded import enter, see, undecoded
@@ -61,3 +62,27 @@ def test_a_map_whose_object_a_factor_of_the_caller_s_holds_has_a_batch_graph(mon
     )
     assert held not in batch.objects[0].slots
     assert batch.state(batch.objects[0]).log_scale == pytest.approx(toy_state().log_scale)
+
+
+def test_a_variable_of_which_no_factor_says_anything_is_refused():
+    objects = IncrementalObjectGraph(UP)
+    with pytest.raises(SolveError, match="l0: no factor of this update says anything of them"):
+        objects.update(frame(0), [], values=landmark())
+    assert not objects.cameras
+    objects.update(frame(0), [], factors=[sight(0)], values=landmark())
+    with pytest.raises(SolveError, match="l0 holds no pose"):
+        objects.pose(L(0))
+
+
+def test_the_next_camera_s_key_is_none_of_the_caller_s():
+    objects, values = IncrementalObjectGraph(UP), gtsam.Values()
+    values.insert(X(1), LANDMARK)
+    objects.update(frame(0), [], factors=[gtsam.PriorFactorPoint3(X(1), LANDMARK, NOISE)], values=values)
+    assert objects.next_camera == X(2)
+    assert objects.update(frame(1), []).camera == X(2)
+
+
+@pytest.mark.parametrize("rounds", [2.5, "a", -1])
+def test_rounds_that_are_none_are_refused(rounds):
+    with pytest.raises(SolveError, match="rounds must be"):
+        IncrementalObjectGraph(UP).optimize(rounds)

@@ -8,7 +8,7 @@ import pytest
 from gtsam.symbol_shorthand import O, X
 
 from objgraph.errors import SolveError
-from objgraph.slam.incremental.smoother import Smoother, _determined
+from objgraph.slam.incremental.smoother import Smoother, determined
 
 STEP = gtsam.Pose3(gtsam.Rot3.Rz(0.3), np.array([0.5, 0.1, 0.0]))
 NOISE = gtsam.noiseModel.Diagonal.Sigmas([0.02] * 3 + [0.05] * 3)
@@ -312,4 +312,4 @@ def test_what_gtsam_cannot_determine_is_named():
         return gtsam.Marginals(graph, values).jointMarginalCovariance(keys)
 
     with pytest.raises(SolveError, match=r"x0, x1: the incremental system hardly determines them"):
-        _determined([X(0), X(1)], query)
+        determined([X(0), X(1)], query)
