@@ -123,7 +123,7 @@ class FrontEnd:
         """T_world_camera, or T_world_body where there is a `body_T_camera`, as it is estimated now.
 
         Raises:
-            SolveError: it is not in the map, or past its lag.
+            SolveError: it is not in the map, or past its lag, or no pose.
         """
         return self.system.pose(camera)
 
@@ -237,9 +237,11 @@ class FrontEnd:
 
         The frame is in the map by now: an object that cannot be renewed stays linearised where it was.
         """
+        reasons = self._let_go()
+        seen = [entry for entry in seen if any(entry is each for each in self.objects)]
         others = [self.objects[self._turn % len(self.objects)]] if self.objects else []
         self._turn += 1
-        due, reasons = list({entry.name: entry for entry in (*seen, *others)}.values()), []
+        due = list({entry.name: entry for entry in (*seen, *others)}.values())
         # one a frame, though those that are seen together fall due together
         again = min(
             (entry for entry in seen if entry.is_due), key=lambda entry: entry.views_solved, default=None
@@ -252,6 +254,17 @@ class FrontEnd:
             reasons.append(f"upkeep is left for the next frame: {error}")
             _LOG.warning("%s", reasons[-1])
         self._note_centres(self.objects if everything else due)
+        return reasons
+
+    def _let_go(self) -> list[str]:
+        """Let objects leave whose variables the caller's smoother has lost, for instance to its lag; which, and why."""
+        smoother, reasons = self.system.smoother, []
+        for entry in [*self.objects]:
+            if not all(smoother.has(key) for key in entry.keys):
+                self.objects[:] = [each for each in self.objects if each is not entry]
+                self._centres.remove(entry.name)
+                reasons.append(f"{entry.name} has left: its variables are not in your smoother any more")
+                _LOG.warning("%s", reasons[-1])
         return reasons
 
     def _note_centres(self, entries: Sequence[TrackedObject]) -> None:
@@ -325,9 +338,11 @@ class FrontEnd:
         )
         for merge in doubles:
             if 0 in (merge.keep, merge.drop):
-                system.adopt(near[max(merge.keep, merge.drop) - 1], pending.views)
-                return [merge.reason]
-        keys, turns = self._object_keys(pending.index), pending.estimate.turns
+                known = near[max(merge.keep, merge.drop) - 1]
+                system.adopt(known, pending.views)
+                shares = f"d2 {merge.mahalanobis**2:.1f} in 3 directions, surfaces {merge.overlap:.2f}"
+                return [f"{pending.name} is {known.name}, which the map has already: {shares}"]
+        keys, turns = self._keys(pending.index), pending.estimate.turns
         entry = TrackedObject(pending.name, keys, pending.prior, other_headings=turns)
         system.add_object(entry, pending.estimate.state, pending.views)
         self._note_centres([entry])
@@ -339,7 +354,18 @@ class FrontEnd:
 
     def _next_keys(self) -> ObjectKeys:
         self._started += 1
-        return self._object_keys(self._started - 1)
+        return self._keys(self._started - 1)
+
+    def _keys(self, index: int) -> ObjectKeys:
+        """Of the object of this number; raises ConfigError where the caller's function fails or gives something else."""
+        what = f"object_keys({index})"
+        try:
+            keys = self._object_keys(index)
+        except ObjectGraphError:
+            raise
+        except Exception as error:  # the caller's, whatever it is: the frame is in the map by now
+            raise ConfigError(f"{what} failed: {error!r}") from error
+        return checks.instance(what, keys, ObjectKeys, ConfigError)
 
     def _merge(self, entries: Sequence[TrackedObject]) -> list[str]:
         """Where the map has one thing twice, give its views to the one that is better known."""
