@@ -10,7 +10,7 @@ from jaxtyping import Float
 from factors import checks
 from factors.keys import readable_key
 from factors.state import ObjectState
-from objgraph.errors import ObservationError, SolveError
+from objgraph.errors import ObjectGraphError, ObservationError, SolveError
 from objgraph.graph.builder import ObjectBuilder
 from objgraph.graph.object_graph import ObjectGraph, Sighting
 from objgraph.observation.sampling import ObjectView
@@ -212,12 +212,16 @@ class IncrementalSystem:
             self.prune(entry)
         observations = [observation for entry in self.objects for observation in entry.observations]
         others = self.smoother.factors_without({observation.number for observation in observations})
-        values = self.smoother.estimate()
-        for _ in range(rounds):
-            freeze(observations, values, self.slope)
-            values = at_optimum("the map", others, observations, values)
-        self.replace(observations, linearize_frozen(observations, values), values)
-        self.smoother.settle()
+        values, before = self.smoother.estimate(), [(o.quadratic, o.point) for o in observations]
+        try:
+            for _ in range(rounds):
+                freeze(observations, values, self.slope)
+                values = at_optimum("the map", others, observations, values)
+            self.replace(observations, linearize_frozen(observations, values), values)
+            self.smoother.settle()
+        except ObjectGraphError:
+            self._take_back(observations, before)
+            raise
 
     def commit(
         self,
@@ -299,6 +303,20 @@ class IncrementalSystem:
         freeze(observations, problem.values, self.slope)
         at = settled(problem, priors, observations, entry)
         return priors, observations, linearize_frozen(observations, at), at
+
+    def _take_back(
+        self,
+        observations: Sequence[Observation],
+        before: Sequence[tuple[gtsam.LinearContainerFactor | None, gtsam.Values]],
+    ) -> None:
+        """The observations as they were with these quadratics, made at these points; raises SolveError."""
+        quadratics = [quadratic for quadratic, _ in before if quadratic is not None]
+        if any(o.quadratic is not quadratic for o, quadratic in zip(observations, quadratics, strict=True)):
+            numbers = self.commit(quadratics, remove=[observation.number for observation in observations])
+            for observation, (quadratic, point), number in zip(observations, before, numbers, strict=True):
+                observation.quadratic, observation.point, observation.number = quadratic, point, number
+        for observation in observations:
+            freeze([observation], observation.point, self.slope)
 
     def _to_remove(self, entry: TrackedObject) -> list[int]:
         """Numbers of the factors that go with the object: not its priors where the lag has made a factor on it of lost views,

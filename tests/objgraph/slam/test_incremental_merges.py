@@ -1,5 +1,8 @@
 """Objects that the map has twice become one: whatever the lag has taken, and nothing of the caller's is lost."""
 
+from types import SimpleNamespace
+from typing import Any, cast
+
 import gtsam
 import numpy as np
 import pytest
@@ -9,7 +12,9 @@ from factors.state import ObjectKeys
 from objgraph.errors import SolveError
 from objgraph.slam.association import Merge
 from objgraph.slam.incremental import front_end
+from objgraph.slam.incremental import system as module
 from objgraph.slam.incremental.front_end import FrontEnd
+from objgraph.slam.incremental.pending import PendingObject
 from objgraph.slam.incremental.system import IncrementalSystem
 from objgraph.slam.incremental.tracked import TrackedObject
 from objgraph.slam.incremental.upkeep import Upkeep
@@ -63,6 +68,50 @@ def test_an_object_that_a_factor_of_the_caller_s_holds_neither_merges_nor_turns(
     assert system.smoother.has(drop.keys.pose)
     system.adopt(drop, keep.placed_views, instead_of=keep)
     assert system.objects == [drop]
+
+
+def test_an_object_that_the_map_has_is_said_to_be_that_one_however_well_it_is_known(monkeypatch):
+    system = undecoded(monkeypatch)
+    (entry,) = doubles(system, 3, count=1)
+    objects = FrontEnd(system, lambda _: toy_prior(), ObjectKeys.numbered)
+    (placed, *_), estimate = entry.placed_views, cast(Any, SimpleNamespace(state=system.state(entry)))
+    waiting = PendingObject(7, "chair 7", entry.prior, estimate, 0, [placed], {X(0): gtsam.Pose3()})
+    monkeypatch.setattr(PendingObject, "candidate", lambda _: None)
+    monkeypatch.setattr(objects, "_near", lambda _: [entry])
+    better = Merge(0, 1, "chair 0 is chair 7, which is better determined", 1.0, 0.75)
+    monkeypatch.setattr(front_end, "duplicates", lambda *_: [better])
+    said = "chair 7 is chair 0, which the map has already: d2 1.0 in 3 directions, surfaces 0.75"
+    assert objects._enter(waiting) == [said]
+    assert entry.views == 4
+
+
+def test_a_map_that_cannot_be_settled_is_as_it_was(monkeypatch):
+    system = undecoded(monkeypatch)
+    entry, _ = doubles(system, 4)
+    before, observations = system.smoother.estimate(), entry.observations
+    made, frozen = [(o.quadratic, o.point) for o in observations], []
+    shift = gtsam.Pose3(gtsam.Rot3(), np.array([0.5, 0.0, 0.0]))
+
+    def shifted(observations, values):
+        return [gtsam.BetweenFactorPose3(*o.keys, shift, NOISE) for o in observations]
+
+    def fail():
+        raise SolveError("it does not settle")
+
+    monkeypatch.setattr(module, "linearize_frozen", shifted)
+    monkeypatch.setattr(module, "freeze", lambda _, values, slope: frozen.append(values))
+    monkeypatch.setattr(module, "at_optimum", lambda name, known, observations, values: values)
+    monkeypatch.setattr(system.smoother, "settle", fail)
+    with pytest.raises(SolveError, match="it does not settle"):
+        system.solve_whole(1)
+    assert all(o.quadratic is quadratic for o, (quadratic, _) in zip(observations, made, strict=True))
+    assert all(point in frozen for _, point in made)
+    assert all(system.smoother.holds(o.number) for o in observations)
+    system.commit()
+    for key in (*system.cameras, entry.keys.pose):
+        np.testing.assert_allclose(
+            system.smoother.pose(key).matrix(), before.atPose3(key).matrix(), atol=1e-6
+        )
 
 
 def test_a_merge_that_fails_costs_none_of_the_others(monkeypatch):
