@@ -31,9 +31,9 @@ _CLOSED_LOOP = 0.03
 class IncrementalObjectGraph(FrontEnd):
     """A map of objects and cameras that grows by `update`.
 
-    Each observation enters ISAM2 as the quadratic of its two factors, so that the smoother never calls back into
-    Python; it is linearised anew, and replaced, once the object has moved in the camera's frame, or its scale or code
-    has changed. Before that the frame's camera and objects are solved against the map's own marginal: far starts
+    Each observation enters ISAM2 as the quadratic of its two factors, so that the smoother calls back into Python for
+    none of them, though it does for the prior of codes that are of several kinds (`ShapePrior.kinds`). An observation is
+    linearised anew, and replaced, once the object has moved in the camera's frame, or its scale or code has changed. Before that the frame's camera and objects are solved against the map's own marginal: far starts
     never reach the smoother. Objects enter once they have been seen from two directions.
     """
 

@@ -49,8 +49,8 @@ class ObjectFrontEnd:
         result = isam.update(step.factors, step.values, gtsam.KeyVector(step.remove))
         objects.accept(result.getNewFactorsIndices())
 
-    The caller's odometry, loop closures and whatever else are his. What is added are linear factors: no call comes
-    back into Python from the smoother.
+    The caller's odometry, loop closures and whatever else are his. What is added are linear factors; only the prior
+    of codes that are of several kinds (`ShapePrior.kinds`) calls back into Python from the smoother.
     """
 
     def __init__(
