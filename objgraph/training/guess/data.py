@@ -16,8 +16,8 @@ from safetensors.numpy import load_file, save
 
 from objgraph.atomic import write_file
 from objgraph.errors import PriorError, SolveError
-from objgraph.observation.clouds import ViewCloud, clouds, view_cloud
 from objgraph.geometry.symmetry import SAME, turn_gaps
+from objgraph.observation.clouds import ViewCloud, clouds, view_cloud
 from objgraph.observation.gravity_box import smallest_heading
 from objgraph.priors.first_guess import FirstGuessConfig, place_in
 from objgraph.priors.mesh import extract_mesh

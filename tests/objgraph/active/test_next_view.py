@@ -277,7 +277,7 @@ def test_objects_that_cannot_be_asked_about_are_refused(chair):
         next_views([], about(chair))
 
 
-def toy_map(**changes) -> ObjectMap:
+def toy_map(category: str = "chair", **changes) -> ObjectMap:
     state, covariance = seen_once()
     mesh = toy_mesh(state.code)
     given = {
@@ -291,9 +291,8 @@ def toy_map(**changes) -> ObjectMap:
         "vertices": state.to_world(np.asarray(mesh.vertices)),
         "faces": np.asarray(mesh.faces),
     }
-    given = {"category": "chair", "status": "mapped"} | given
     entries = (
-        MappedObject(1, **(given | changes)),
+        MappedObject(1, category, "mapped", **(given | changes)),
         MappedObject(2, "chair", "failed", "seen in 3 pixels"),
     )
     return ObjectMap("room", entries, UP)
