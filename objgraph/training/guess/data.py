@@ -51,7 +51,7 @@ class Shape:
             assert self.code is not None
             return extract_mesh(prior.decoder, self.code, _MESH_RESOLUTION)
         box = self.extents if prior.box is None else prior.box
-        stretch = 1.0 if box is None else box / self.mesh.extents
+        stretch = np.ones(3) if box is None else box / self.mesh.extents
         return _scaled(self.mesh, stretch)
 
 

@@ -10,7 +10,7 @@ SIXTEENTHS = 2 * np.pi * np.arange(16) / 16
 
 
 def alike(mesh: trimesh.Trimesh) -> list[int]:
-    return list(np.flatnonzero(turn_gaps(mesh, SIXTEENTHS) < SAME))
+    return np.flatnonzero(turn_gaps(mesh, SIXTEENTHS) < SAME).tolist()
 
 
 def test_boxes_and_what_is_round() -> None:
@@ -22,12 +22,12 @@ def test_boxes_and_what_is_round() -> None:
 
 
 def test_handles_make_a_front() -> None:
-    """They are a thirtieth of the surface, and on average it is within half a per cent of itself turned."""
+    """They are 7 % of the surface, which lies a thousandth of the diagonal from itself turned on average."""
     chest = trimesh.creation.box((1.0, 0.8, 0.5))
     handles = [trimesh.creation.box((0.6, 0.06, 0.04)) for _ in range(2)]
     for handle, height in zip(handles, (-0.2, 0.2), strict=True):
         handle.apply_translation((0.0, height, -0.27))
-    assert alike(trimesh.util.concatenate([chest, *handles])) == [0]
+    assert alike(sum(handles, chest)) == [0]
 
 
 def test_the_gap_is_measured_in_diagonals() -> None:
@@ -35,7 +35,7 @@ def test_the_gap_is_measured_in_diagonals() -> None:
     plate = trimesh.creation.box((1.5, 0.05, 0.5))
     rod = trimesh.creation.box((0.05, 0.8, 0.05))
     rod.apply_translation((0.2, 0.42, 0.0))
-    mesh = trimesh.util.concatenate([plate, rod])
+    mesh = plate + rod
     for scale in (1.0, 7.0):
         larger = trimesh.Trimesh(mesh.vertices * scale, mesh.faces)
         (gap,) = turn_gaps(larger, np.array([np.pi]))
