@@ -10,14 +10,14 @@ SAME = 0.02
 """Gap, in diagonals of the shape's box, below which a turn leaves it the same."""
 _SHARE = 98
 """Per cent of the surface that is within the gap: a handle or a back's slats make a front."""
+_POINTS = 3000
+"""Drawn on the surface."""
 
 
-def turn_gaps(
-    mesh: trimesh.Trimesh, angles: Float[np.ndarray, "a"], samples: int = 3000
-) -> Float[np.ndarray, "a"]:
+def turn_gaps(mesh: trimesh.Trimesh, angles: Float[np.ndarray, "a"]) -> Float[np.ndarray, "a"]:
     """How far a mesh's surface is from itself turned about y by each of the angles (radians), in diagonals of its box."""
     scene = raycaster([(mesh.vertices, mesh.faces)])
-    points = np.asarray(trimesh.sample.sample_surface(mesh, samples, seed=0)[0])
+    points = np.asarray(trimesh.sample.sample_surface(mesh, _POINTS, seed=0)[0])
     gaps = []
     for angle in angles:
         turn = trimesh.transformations.rotation_matrix(angle, [0, 1, 0])[:3, :3]
