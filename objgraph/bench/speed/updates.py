@@ -96,7 +96,7 @@ def map_of(count: int, solved: list[tuple[ObjectState, ObjectView]]) -> Incremen
             _about(model, each.keys, at) for each, model in zip(own, models[x % PERIOD], strict=True)
         ]
         system.enter(entry, ObjectBuilder(CONFIG.graph, UP).priors(prior, entry.keys), own, quadratics, at)
-        objects._note_centres([entry])
+        objects.places.note([entry])
     return objects
 
 

@@ -131,7 +131,7 @@ class IncrementalObjectGraph(FrontEnd):
         """
         rounds = checks.whole("rounds", rounds, checks.Range(0, 1000), SolveError)
         self.system.solve_whole(rounds)
-        self._note_centres(self.objects)
+        self.places.note(self.objects)
 
     def batch(self) -> ObjectGraph:
         """The map as one nonlinear graph of its own, at the current estimate: to be optimised as a whole, or saved."""

@@ -1,12 +1,19 @@
 """Where the map's objects are, so that those near a place are found without going through all."""
 
+from collections.abc import Iterable, Sequence
 from typing import Generic, TypeVar
 
 import numpy as np
 from jaxtyping import Float
 from scipy.spatial import cKDTree
 
+from objgraph.observation.sampling import ObjectView
+from objgraph.slam.incremental.system import IncrementalSystem
+from objgraph.slam.incremental.tracked import TrackedObject
+
 T = TypeVar("T")
+_NEARBY = 4.0
+"""Metres between what a view sees and an object's centre beyond which they are never compared."""
 
 
 class Places(Generic[T]):
@@ -30,7 +37,7 @@ class Places(Generic[T]):
 
     def near(self, points: Float[np.ndarray, "n 3"], distance: float) -> list[T]:
         """What is nearer than `distance` (metres) to one of `points`, by name."""
-        if not self._points:
+        if not self._points or not len(points):
             return []
         tree = self._tree or cKDTree(np.stack([*self._points.values()]))
         self._tree = tree  # until something moves
@@ -38,3 +45,20 @@ class Places(Generic[T]):
         within = tree.query_ball_point(points, np.nextafter(distance, 0.0))
         names = [*self._points]
         return [self._things[name] for name in sorted({names[i] for found in within for i in found})]
+
+
+class ObjectPlaces(Places[TrackedObject]):
+    """The map's objects at their centres, as these last were noted."""
+
+    def __init__(self, system: IncrementalSystem) -> None:
+        super().__init__()
+        self._system = system
+
+    def note(self, entries: Iterable[TrackedObject]) -> None:
+        """Note where these are now."""
+        for entry in entries:
+            self.put(entry.name, entry, self._system.pose(entry.keys.pose).translation())
+
+    def of(self, views: Sequence[ObjectView]) -> list[TrackedObject]:
+        """Objects that views may be of."""
+        return self.near(np.array([view.points_world.mean(axis=0) for view in views]), _NEARBY)

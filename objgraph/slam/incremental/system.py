@@ -86,6 +86,10 @@ class IncrementalSystem:
             smoother.pose(keys.pose), smoother.vector(keys.log_scale), smoother.vector(keys.code)
         )
 
+    def held(self, entry: TrackedObject) -> list[Placed]:
+        """The object's views whose cameras are in the smoother still."""
+        return [(camera, view) for camera, view in entry.placed_views if self.smoother.has(camera)]
+
     def observations(self, entry: TrackedObject, placed: Iterable[Placed]) -> list[Observation]:
         """New observations of an object, not yet in the smoother."""
         return [

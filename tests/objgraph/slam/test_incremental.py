@@ -357,9 +357,9 @@ def test_doubles_are_merged(world, run):
     placed = entry.placed_views
     double = TrackedObject("chair 99", type(entry.keys).numbered(99), entry.prior)
     objects.system.add_object(double, objects.state(entry), placed[:2])
-    objects._note_centres([double])
+    objects.places.note([double])
     count = len(placed)
-    reasons = objects._merge(objects.objects)
+    reasons = objects.entrance.merge(objects.objects)
     assert len(reasons) == 1
     assert len(objects.objects) == len(world.states)
     (left,) = [o for o in objects.objects if o in (entry, double)]

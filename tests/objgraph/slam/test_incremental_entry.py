@@ -18,7 +18,7 @@ from objgraph.graph.solve import Problem
 from objgraph.observation.sampling import ObjectView, observe
 from objgraph.priors.mesh import extract_mesh
 from objgraph.slam.incremental.alone import Alone
-from objgraph.slam.incremental.front_end import VIEWS_ENOUGH
+from objgraph.slam.incremental.entrance import VIEWS_ENOUGH
 from objgraph.slam.incremental.local import polish
 from objgraph.slam.incremental.object_graph import IncrementalObjectGraph
 from objgraph.slam.incremental.tracked import TrackedObject
@@ -110,7 +110,7 @@ def test_an_object_that_entered_but_cannot_be_merged_has_entered(world, monkeypa
     def fail(*_):
         raise SolveError("they do not fit")
 
-    monkeypatch.setattr(objects, "_merge", fail)
+    monkeypatch.setattr(objects.entrance, "merge", fail)
     reports = [objects.update(frame, world.detections(frame)[:1]) for frame in world.frames[1:3]]
     assert [name for report in reports for name in report.entered] == ["chair 0"]
     said = [reason for report in reports for reason in report.reasons]

@@ -9,7 +9,8 @@ from objgraph.errors import InitialisationError
 from objgraph.estimate.task import Estimate
 from objgraph.observation.sampling import observe
 from objgraph.slam.incremental.alone import Alone
-from objgraph.slam.incremental.front_end import VIEWS_ENOUGH, FrontEnd
+from objgraph.slam.incremental.entrance import VIEWS_ENOUGH
+from objgraph.slam.incremental.front_end import FrontEnd
 from objgraph.slam.incremental.pending import PendingObject
 from objgraph.trust import Trust
 from objgraph.trust.judge import judge
@@ -44,7 +45,7 @@ def test_an_object_in_doubt_waits_no_longer_for_views_that_go_past_the_lag(objec
         pending.follow({key: pending.cameras[key] for key, _ in pending.views[-LAG:]})
         seen += 1
         if pending.is_ripe(objects.config):
-            said.append(objects._doubt(pending))
+            said.append(objects.entrance._doubt(pending))
             if said[-1] is None:
                 break
     assert seen == VIEWS_ENOUGH
@@ -53,8 +54,8 @@ def test_an_object_in_doubt_waits_no_longer_for_views_that_go_past_the_lag(objec
 
 
 def test_an_object_whose_cameras_are_past_the_lag_is_given_up_for_that(objects, pending):
-    objects._pending.append(pending)
-    _, reasons = objects._admit()
+    objects.entrance.waiting.append(pending)
+    _, reasons = objects.entrance.admit()
     assert reasons == ["chair 0 is given up: the cameras that saw it are past the lag"]
     assert objects.pending == ()
 

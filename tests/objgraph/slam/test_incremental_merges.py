@@ -11,7 +11,7 @@ from gtsam.symbol_shorthand import X
 from factors.state import ObjectKeys
 from objgraph.errors import SolveError
 from objgraph.slam.association import Merge
-from objgraph.slam.incremental import front_end
+from objgraph.slam.incremental import entrance
 from objgraph.slam.incremental import system as module
 from objgraph.slam.incremental.front_end import FrontEnd
 from objgraph.slam.incremental.pending import PendingObject
@@ -77,11 +77,11 @@ def test_an_object_that_the_map_has_is_said_to_be_that_one_however_well_it_is_kn
     (placed, *_), estimate = entry.placed_views, cast(Any, SimpleNamespace(state=system.state(entry)))
     waiting = PendingObject(7, "chair 7", entry.prior, estimate, 0, [placed], {X(0): gtsam.Pose3()})
     monkeypatch.setattr(PendingObject, "candidate", lambda _: None)
-    monkeypatch.setattr(objects, "_near", lambda _: [entry])
+    monkeypatch.setattr(objects.places, "of", lambda _: [entry])
     better = Merge(0, 1, "chair 0 is chair 7, which is better determined", 1.0, 0.75)
-    monkeypatch.setattr(front_end, "duplicates", lambda *_: [better])
+    monkeypatch.setattr(entrance, "duplicates", lambda *_: [better])
     said = "chair 7 is chair 0, which the map has already: d2 1.0 in 3 directions, surfaces 0.75"
-    assert objects._enter(waiting) == [said]
+    assert objects.entrance._enter(waiting) == [said]
     assert entry.views == 4
 
 
@@ -117,7 +117,7 @@ def test_a_merge_that_fails_costs_none_of_the_others(monkeypatch):
     system = undecoded(monkeypatch)
     entries, adopt = doubles(system, 4, count=3), system.adopt
     merges = [Merge(0, 1, "1 is 0", 0.0, 1.0), Merge(0, 2, "2 is 0", 0.0, 1.0)]
-    monkeypatch.setattr(front_end, "duplicates", lambda *_: merges)
+    monkeypatch.setattr(entrance, "duplicates", lambda *_: merges)
 
     def fail_once(keep, placed, instead_of):
         monkeypatch.setattr(system, "adopt", adopt)
@@ -125,6 +125,9 @@ def test_a_merge_that_fails_costs_none_of_the_others(monkeypatch):
 
     monkeypatch.setattr(system, "adopt", fail_once)
     objects = FrontEnd(system, lambda _: toy_prior(), lambda _: entries[0].keys)
-    objects._note_centres(entries)
-    assert objects._merge(entries) == ["chair 1 is not merged with chair 0: they do not fit", "2 is 0"]
+    objects.places.note(entries)
+    assert objects.entrance.merge(entries) == [
+        "chair 1 is not merged with chair 0: they do not fit",
+        "2 is 0",
+    ]
     assert system.objects == entries[:2]

@@ -72,7 +72,7 @@ def fail(_: int) -> ObjectKeys:
 def test_keys_that_are_none_are_a_typed_error(monkeypatch, object_keys, error, message):
     objects = FrontEnd(undecoded(monkeypatch), lambda _: toy_prior(), object_keys)
     with pytest.raises(error, match=message):
-        objects._next_keys()
+        objects.entrance.next_keys()
 
 
 def test_an_object_that_the_smoother_has_lost_leaves(monkeypatch):
@@ -81,7 +81,7 @@ def test_an_object_that_the_smoother_has_lost_leaves(monkeypatch):
         see(system, k, [])
     lost, left = (enter(system, i, [X(0), X(1)]) for i in range(2))
     objects = FrontEnd(system, lambda _: toy_prior(), ObjectKeys.numbered)
-    objects._note_centres(objects.objects)
+    objects.places.note(objects.objects)
     has = system.smoother.has
     monkeypatch.setattr(system.smoother, "has", lambda key: key != lost.keys.pose and has(key))
     said = objects.keep_current([lost, left], everything=True)
