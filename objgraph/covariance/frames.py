@@ -5,12 +5,23 @@ import numpy as np
 
 from factors import checks
 from factors.state import RIGID_DOF, ObjectState
-from objgraph.covariance.labelled import LabelledCovariance, ObjectCovariance, object_axes, of_one_object
+from objgraph.covariance.box import BOX_AXES
+from objgraph.covariance.labelled import (
+    POSE_AXES,
+    LabelledCovariance,
+    ObjectCovariance,
+    object_axes,
+    of_one_object,
+)  # fmt: skip
 from objgraph.errors import CovarianceError
 
 WORLD_AXES = (
     *(f"rotation_{axis} [rad, world frame, about the object's origin]" for axis in "xyz"),
     *(f"translation_{axis} [m, world frame]" for axis in "xyz"),
+)
+BOX_WORLD_AXES = (
+    *(f"rotation_{axis} [rad, world frame, about the box's centre]" for axis in "xyz"),
+    *(f"centre_{axis} [m, world frame]" for axis in "xyz"),
 )
 XI_AXES = (
     *(f"t_{axis} [m, world frame]" for axis in "xyz"),
@@ -19,13 +30,20 @@ XI_AXES = (
 )
 
 
-def in_world(covariance: ObjectCovariance, R_world_object: gtsam.Rot3) -> LabelledCovariance:
-    """Rotation and translation along the world's axes; log-scale and code stay as they are."""
-    checks.instance("covariance", covariance, ObjectCovariance, CovarianceError)
+def in_world(covariance: LabelledCovariance, R_world_object: gtsam.Rot3) -> LabelledCovariance:
+    """An object's covariance, or its box's, with rotation and place along the world's axes; the rest stays as it is.
+
+    Raises:
+        CovarianceError: it is neither's, or the rotation is none.
+    """
+    checks.instance("covariance", covariance, LabelledCovariance, CovarianceError)
     checks.instance("R_world_object", R_world_object, gtsam.Rot3, CovarianceError)
+    there = {POSE_AXES: WORLD_AXES, BOX_AXES[:6]: BOX_WORLD_AXES}.get(covariance.axes[:6])
+    if there is None:
+        raise CovarianceError(f"a covariance over {covariance.axes[:6]} is neither an object's nor a box's")
     turn = np.eye(len(covariance.matrix))
     turn[:3, :3] = turn[3:6, 3:6] = R_world_object.matrix()
-    return covariance.mapped(turn, (*WORLD_AXES, *covariance.axes[6:]))
+    return covariance.mapped(turn, (*there, *covariance.axes[6:]))
 
 
 def of_xi(covariance: ObjectCovariance, state: ObjectState) -> LabelledCovariance:

@@ -23,7 +23,7 @@ def with_other_headings(
 
     `costs` gives what the object costs turned by 0, 1, ... of the `HEADINGS` steps about its up axis, all else held; it is asked only where the heading is doubtful. What the variance of the heading so found
     exceeds the Gaussian's own by, everything else being held, is added: nothing where the posterior is Gaussian,
-    up to the uniform distribution's pi^2 / 3.
+    pi^2 / 3 in all where every heading is as likely.
     """
     known = 1.0 / np.linalg.inv(covariance.matrix)[_HEADING, _HEADING]
     if known < _DOUBTFUL**2:

@@ -44,7 +44,7 @@ class Estimate:
     covariance: ObjectCovariance | None
     """None for an estimator that gives none."""
     cost_initial: float
-    """Where the last minimisation began, in the estimator's own objective."""
+    """Where the last minimisation began, in the estimator's own objective; NaN, as at the end, where none was of it alone."""
     cost_final: float
     linearizations: int
     """Evaluations of loss and derivatives."""
@@ -52,6 +52,13 @@ class Estimate:
     """Evaluations of the loss alone."""
     turns: HeadingModes | None = None
     """How likely the object stands otherwise; None where no quarter turn of it has a chance, or none was tried."""
+
+    @classmethod
+    def of_graph(
+        cls, state: ObjectState, covariance: ObjectCovariance, turns: HeadingModes | None
+    ) -> "Estimate":
+        """An object of a graph that was solved as a whole."""
+        return cls(state, covariance, np.nan, np.nan, 0, 0, turns)
 
 
 def unusable(task: EstimationTask) -> SolveError | None:

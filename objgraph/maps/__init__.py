@@ -5,6 +5,7 @@ from objgraph.maps.entry import map_entry, with_trust
 from objgraph.maps.lidar import LidarMappingConfig, map_lidar
 from objgraph.maps.mapped_object import MappedObject
 from objgraph.maps.object_map import ObjectMap
+from objgraph.maps.of_graph import map_of
 from objgraph.maps.pipeline import MappingConfig, map_scan, scene_floor, scene_points
 
 __all__ = [
@@ -15,6 +16,7 @@ __all__ = [
     "ObjectMap",
     "map_entry",
     "map_lidar",
+    "map_of",
     "map_scan",
     "scene_floor",
     "scene_points",

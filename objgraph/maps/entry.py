@@ -3,6 +3,7 @@
 import logging
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from typing import Any, Protocol
 
 import numpy as np
 from jaxtyping import Float
@@ -13,7 +14,6 @@ from objgraph.covariance.surface import surface_sigma
 from objgraph.errors import ObjectGraphError, SolveError
 from objgraph.estimate.task import Estimate, EstimationTask
 from objgraph.maps.mapped_object import MappedObject, PriorReference
-from objgraph.observation.frames import Instance
 from objgraph.observation.sampling import ObjectView
 from objgraph.priors.mesh import RESOLUTION, extract_mesh
 from objgraph.priors.shape_prior import ShapePrior
@@ -23,8 +23,18 @@ from objgraph.trust.judge import judge_estimate
 log = logging.getLogger(__name__)
 
 
+class Numbered(Protocol):
+    """What a map tells objects by: an `Instance` of a scan, or an object of a graph."""
+
+    @property
+    def id(self) -> int: ...
+
+    @property
+    def category(self) -> str: ...
+
+
 def map_entry(
-    instance: Instance,
+    instance: Numbered,
     prior: ShapePrior,
     estimate: Estimate,
     views: Sequence[ObjectView],
@@ -51,12 +61,9 @@ def map_entry(
         code=state.code,
         covariance=covariance.rigid,
         code_sigma=np.sqrt(np.diag(covariance.code)),
-        cost_initial=estimate.cost_initial,
-        cost_final=estimate.cost_final,
-        linearizations=estimate.linearizations,
-        error_evaluations=estimate.error_evaluations,
+        **_spent(estimate),
         views=tuple(view.frame for view in views),
-        cameras=np.array([view.T_world_camera.matrix() for view in views]),
+        cameras=np.reshape([view.T_world_camera.matrix() for view in views], (-1, 4, 4)),
         size_m=state.scale * mesh.extents,
         turns=None if estimate.turns is None else estimate.turns.probability,
         turned=None if estimate.turns is None else _turned(state, estimate.turns),
@@ -69,7 +76,7 @@ def map_entry(
 
 
 def failed_entry(
-    instance: Instance, error: ObjectGraphError, seconds: Mapping[str, float] | None = None
+    instance: Numbered, error: ObjectGraphError, seconds: Mapping[str, float] | None = None
 ) -> MappedObject:
     """An object that could not be mapped, and why; it is logged, too."""
     log.warning("%s %d could not be mapped: %s", instance.category, instance.id, error)
@@ -100,6 +107,12 @@ def _turned(state: ObjectState, turns: HeadingModes) -> Float[np.ndarray, "4 9+l
     if not turns.states:
         return None
     return np.array([state.local_coordinates(state if other is None else other) for other in turns.states])
+
+
+def _spent(estimate: Estimate) -> dict[str, Any]:
+    """Costs and what they took, which an object of a graph that was solved as a whole has none of."""
+    names = ("cost_initial", "cost_final", "linearizations", "error_evaluations")
+    return {} if np.isnan(estimate.cost_final) else {name: getattr(estimate, name) for name in names}
 
 
 def _reference(prior: ShapePrior) -> PriorReference:

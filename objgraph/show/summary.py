@@ -48,6 +48,8 @@ def heading_sigma(
     covariance: Float[np.ndarray, "9 9"],
     up_world: Float[np.ndarray, "3"],
 ) -> float:
-    """Standard deviation of the rotation about up, radians: sqrt(u^T C_rr u) with u = R^T up."""
+    """Standard deviation of the rotation about up, radians: sqrt(u^T C_rr u) with u = R^T up; pi / sqrt(3), that of headings which
+    are all as likely, at most."""
     up_object = T_world_object[:3, :3].T @ up_world
-    return float(np.sqrt(max(up_object @ covariance[:3, :3] @ up_object, 0.0)))
+    variance = max(up_object @ covariance[:3, :3] @ up_object, 0.0)
+    return float(min(np.sqrt(variance), np.pi / np.sqrt(3)))

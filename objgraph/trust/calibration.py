@@ -16,6 +16,7 @@ from jaxtyping import Float
 from objgraph.atomic import write_file
 from objgraph.checked import check_fields, parse_json, typed
 from objgraph.covariance.box import BoxPose
+from objgraph.covariance.box_modes import HEADING_AXIS
 from objgraph.covariance.sides import SideMisfit
 from objgraph.errors import CovarianceError
 from objgraph.trust.evidence import NAMES, Evidence
@@ -105,9 +106,15 @@ class CategoryCalibration:
         return Trust(pose, shape, tuple(_SAID[name] for name in worst), widening, given, digest)
 
     def box(self, evidence: Evidence, box: BoxPose, seen_sides: Float[np.ndarray, "3 2"]) -> BoxPose:
-        """A box, given with its marginals, with the covariance at which 95 % sets hold as many (see `evidence_of`)."""
+        """A box, given with its marginals, with the covariance at which 95 % sets hold as many (see `evidence_of`).
+
+        No heading is farther off than half a turn, so the heading's deviation is no more.
+        """
         matrix = self.sides.widened(box.covariance.matrix, box.extents, seen_sides)
         matrix = self.factor("box", evidence) * matrix
+        least = np.ones(len(matrix))
+        least[[*HEADING_AXIS]] = min(1.0, math.pi / math.sqrt(max(matrix[HEADING_AXIS * 2], 1e-12)))
+        matrix = least[:, None] * matrix * least
         return replace(box, covariance=replace(box.covariance, matrix=matrix, source="calibrated"))
 
     def factor(self, quantity: str, evidence: Evidence, level: str = LEVELS[-1]) -> float:

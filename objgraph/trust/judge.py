@@ -72,7 +72,17 @@ def judge(objects: Objects, handle: Handle, calibration: Calibration | None = No
     prior = handle.prior
     if known.of(prior.category, prior.digest) is None:
         return None
-    state, views, builder = objects.state(handle), objects.views(handle), objects.builder
+    task, estimate = estimate_in(objects, handle)
+    state = estimate.state
+    vertices = np.asarray(extract_mesh(prior.decoder, state.code).vertices)
+    return judge_estimate(task, estimate, state.to_world(vertices), known)
+
+
+def estimate_in(objects: Objects, handle: Handle) -> tuple[EstimationTask, Estimate]:
+    """An object of a graph as an estimate of its own, without costs, and what it is one of; raises as `judge` does."""
+    prior, state, views, builder = (
+        handle.prior, objects.state(handle), objects.views(handle), objects.builder
+    )  # fmt: skip
     if not views:
         raise InitialisationError(
             f"{handle.name} has no views to be judged by: observe it, or with a lag judge it before they are past that"
@@ -82,9 +92,7 @@ def judge(objects: Objects, handle: Handle, calibration: Calibration | None = No
     task = EstimationTask(
         handle.name, prior, first.states, tuple(views), builder.up_world, builder.floor, chances=first.chances
     )
-    estimate = Estimate(state, objects.marginals(handle), np.nan, np.nan, 0, 0, turns)
-    vertices = np.asarray(extract_mesh(prior.decoder, state.code).vertices)
-    return judge_estimate(task, estimate, state.to_world(vertices), known)
+    return task, Estimate.of_graph(state, objects.marginals(handle), turns)
 
 
 def judge_estimate(

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from rich.console import Console
 
 from factors.state import ObjectState
+from objgraph.covariance.box import BOX_AXES
 from objgraph.covariance.frames import in_world, of_xi
 from objgraph.covariance.fused import fused
 from objgraph.covariance.labelled import RIGID_AXES, LabelledCovariance, ObjectCovariance
@@ -66,6 +67,27 @@ def test_in_the_world_it_is_that_of_a_turn_about_the_objects_origin_and_of_its_p
     np.testing.assert_allclose(
         np.linalg.eigvalsh(found.matrix), np.linalg.eigvalsh(covariance.matrix), atol=1e-12
     )
+
+
+@given(st.integers(0, 1000))
+def test_a_box_in_the_world_turns_about_its_centre(seed):
+    rng, step = np.random.default_rng(seed), 1e-6
+    T = some_state(seed).T_world_object
+    root = 0.05 * rng.normal(size=(9, 9))
+    covariance = LabelledCovariance(root @ root.T, BOX_AXES, "calibrated", "chair 3")
+
+    def world(tangent: np.ndarray) -> np.ndarray:
+        moved = T.retract(tangent[:6])
+        turn = gtsam.Rot3.Logmap(moved.rotation().compose(T.rotation().inverse()))
+        return np.concatenate([turn, moved.translation(), tangent[6:]])
+
+    J = np.stack([(world(step * e) - world(-step * e)) / (2 * step) for e in np.eye(9)], axis=1)
+    found = in_world(covariance, T.rotation())
+    np.testing.assert_allclose(found.matrix, J @ covariance.matrix @ J.T, atol=1e-7)
+    assert found.axes[3] == "centre_x [m, world frame]"
+    assert found.axes[6:] == BOX_AXES[6:]
+    with pytest.raises(CovarianceError, match="neither an object's nor a box's"):
+        in_world(covariance.block("centre"), T.rotation())
 
 
 def test_blocks_are_found_by_their_labels():

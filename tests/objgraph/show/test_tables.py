@@ -57,6 +57,8 @@ def test_standard_deviations_of_known_axes():
     T = pose(Y_UP_TO_Z_UP)
     assert summary.heading_sigma(T, covariance, UP) == pytest.approx(0.02)  # the object's y is up
     np.testing.assert_allclose(summary.position_sigma(T, covariance), [0.1, 0.3, 0.2])
+    covariance[1, 1] = 400.0
+    assert np.degrees(summary.heading_sigma(T, covariance, UP)) == pytest.approx(103.9, abs=0.1)
 
 
 @settings(max_examples=5, deadline=None)

@@ -62,6 +62,22 @@ def test_a_box_is_widened_by_its_sides_and_by_what_its_evidence_lets_expect():
     assert trust.widening["surface"] == pytest.approx({"50": factor / 3, "90": factor * 2 / 3, "95": factor})
 
 
+def test_a_heading_is_no_farther_off_than_half_a_turn():
+    """All else, and what goes along with what, stays as it was widened."""
+    state, matrix = toy_state(), 1e-4 * np.eye(9)
+    matrix[1, 1], matrix[1, 3] = np.pi**2 / 3, 2e-3
+    matrix[3, 1] = matrix[1, 3]
+    known = LabelledCovariance(matrix, BOX_AXES, "marginals", "stool 1")
+    seen, extents = np.full((3, 2), 0.4), np.array([0.5, 0.9, 0.6])
+    found = CHAIR.box(EVIDENCE, BoxPose(state.T_world_object, extents, known), seen).covariance
+    free = CHAIR.factor("box", EVIDENCE) * SIDES.widened(matrix, extents, seen)
+    assert free[1, 1] > np.pi**2
+    assert found.sigma[1] == pytest.approx(np.pi)
+    others = [0, *range(2, 9)]
+    np.testing.assert_allclose(found.matrix[np.ix_(others, others)], free[np.ix_(others, others)])
+    assert found.correlation[1, 3] == pytest.approx(free[1, 3] / np.sqrt(free[1, 1] * free[3, 3]))
+
+
 def test_evidence_beyond_all_that_was_seen_says_no_more():
     """Four deviations are the most: a line that was fitted within them is not drawn on without end."""
     of = CHAIR
