@@ -32,7 +32,7 @@ class Arguments:
     seed: int = 0
     """Of the odometry's noise."""
     rerun: Path | None = None
-    """A recording of it for the viewer, FILE.rrd: needs pip install 'objgraph[view]'."""
+    """A recording of it for the viewer, FILE.rrd: needs `pip install -e '.[view]'`."""
 
 
 def detections(frame: objgraph.Frame, instances, rng: np.random.Generator) -> list[objgraph.Instance]:
