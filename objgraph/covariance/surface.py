@@ -8,7 +8,7 @@ from torch import Tensor
 
 from factors import checks
 from factors.checks import PLACES
-from factors.sdf import metres_per_unit, propagated_variance, query_points, sdf_jacobian
+from factors.sdf import MetricSdf, propagated_variance, query_points, sdf_jacobian
 from factors.sdf_decoder import SdfDecoder
 from factors.state import ObjectState
 from objgraph.covariance.labelled import ObjectCovariance, of_one_object
@@ -50,7 +50,7 @@ def metric_sdf(
 def metric_sdf_jacobian(
     decoder: SdfDecoder, state: ObjectState, p_world: Float[np.ndarray, "n 3"]
 ) -> tuple[Float[Tensor, "n"], Float[Tensor, "n d"], Float[Tensor, "n"]]:
-    """Signed distance at world points, metres, and its derivative w.r.t. pose, log-scale and code.
+    """Signed distance at world points, metres, and its derivative w.r.t. pose, log-scale and code (see `MetricSdf`).
 
     Last, metres per unit of the decoder's own values. All on the processor. Raises SolveError where the decoder's answer
     is not finite.
@@ -63,6 +63,6 @@ def metric_sdf_jacobian(
         raise SolveError(
             "the decoder's SDF is not finite at the points asked about: the shape code has diverged"
         )
-    metres = metres_per_unit(jet.d_point, state).double()
-    jacobian = metres[:, None] * sdf_jacobian(query, jet, camera=False).double()
-    return (metres * jet.value.double()).cpu(), jacobian.cpu(), metres.cpu()
+    metric = MetricSdf.of(jet.d_point, state)
+    jacobian = metric.jacobian(state, jet.value, sdf_jacobian(query, jet, camera=False))
+    return (metric.metres * jet.value.double()).cpu(), jacobian.cpu(), metric.metres.cpu()
