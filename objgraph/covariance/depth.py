@@ -4,34 +4,30 @@ from dataclasses import dataclass
 
 import gtsam
 import numpy as np
-import torch
 from jaxtyping import Float
 
 from factors import checks
-from factors.checks import LENGTHS, PLACES
-from factors.occupancy import PROBIT_SCALE, probit_occupancy
-from factors.rays import box_interval, coarse_depths
+from factors.checks import LENGTHS, PLACES, SHARES
 from factors.sdf_decoder import SdfDecoder
 from factors.state import ObjectState
 from objgraph.covariance.labelled import ObjectCovariance, of_one_object
-from objgraph.covariance.surface import metric_sdf
+from objgraph.covariance.ray_end import ray_ends
 from objgraph.errors import CovarianceError
-from objgraph.geometry.frames import transformed
 
-_SLOPE = 400.0
-"""Of the occupancy's sigmoid, 1/metres (paper eq:sloped_sigmoid)."""
+_PLACES_AT_ONCE = 2**15
+"""Of how many places the derivatives are held at a time."""
 
 
 @dataclass(frozen=True)
 class DepthDistribution:
     """Where each of r rays ends on the object, if it does; z-depths in the camera's frame, metres.
 
-    A ray's errors are those of one pose and one code: it ends before a depth with the largest probability that any
-    place so far on it is occupied.
+    A ray's errors are those of one pose and one code: with the object moved along it by some amount, it ends before a depth
+    with the largest probability that any place so far on it is occupied.
     """
 
     depth: Float[np.ndarray, "r k"]
-    """Rising; of rays that miss the object's box, zero."""
+    """Rising; zero of rays that miss the object however it may stand."""
     reached: Float[np.ndarray, "r k"]
     """Probability that the ray has ended at or before each depth."""
 
@@ -41,14 +37,17 @@ class DepthDistribution:
         return self.reached[:, -1]
 
     def quantile(self, share: float) -> Float[np.ndarray, "r"]:
-        """Depth before which that share of the rays that hit has ended; NaN where next to none does."""
-        at = share * self.hit
-        return np.array(
-            [
-                np.interp(a, p, d) if h > 1e-3 else np.nan
-                for a, p, d, h in zip(at, self.reached, self.depth, self.hit, strict=True)
-            ]
-        )
+        """First depth by which that share of the rays that hit has ended; NaN where next to none does.
+
+        Raises CovarianceError where `share` is not between 0 and 1.
+        """
+        at = checks.number("the share of a quantile", share, SHARES, CovarianceError) * self.hit
+        right = (self.reached < at[:, None]).sum(axis=1)[:, None]
+        left = np.maximum(right - 1, 0)
+        p0, p1 = (np.take_along_axis(self.reached, i, axis=1)[:, 0] for i in (left, right))
+        d0, d1 = (np.take_along_axis(self.depth, i, axis=1)[:, 0] for i in (left, right))
+        part = np.divide(at - p0, p1 - p0, out=np.zeros_like(at), where=p1 > p0)
+        return np.where(self.hit > 1e-3, d0 + part * (d1 - d0), np.nan)
 
     @property
     def mean(self) -> Float[np.ndarray, "r"]:
@@ -63,10 +62,12 @@ class DepthDistribution:
     @property
     def _moments(self) -> Float[np.ndarray, "2 r"]:
         ends = np.diff(self.reached, axis=1, prepend=0.0)
-        middle = self.depth - 0.5 * np.diff(self.depth, axis=1, prepend=self.depth[:, :1])
+        width = np.diff(self.depth, axis=1, prepend=self.depth[:, :1])
+        middle = self.depth - 0.5 * width
         hit = np.where(self.hit > 1e-3, self.hit, np.nan)
         mean = (ends * middle).sum(axis=1) / hit
-        return np.stack([mean, np.sqrt((ends * (middle - mean[:, None]) ** 2).sum(axis=1) / hit)])
+        square = (middle - mean[:, None]) ** 2 + width**2 / 12  # ends are spread evenly between two depths
+        return np.stack([mean, np.sqrt((ends * square).sum(axis=1) / hit)])
 
 
 def predicted_depth(
@@ -96,17 +97,11 @@ def predicted_depth(
         raise CovarianceError("directions_camera must have z = 1, so that lengths along them are z-depths")
     checks.number("residual_sigma", residual_sigma, LENGTHS, CovarianceError)
     checks.whole("samples", samples, checks.Range(2, 10_000), CovarianceError)
-    near, far = box_interval(state, T_world_camera, directions_camera)
-    meets = np.flatnonzero(far - near > 1e-3)
-    depth, reached = np.zeros((len(near), samples)), np.zeros((len(near), samples))
-    if len(meets):
-        depth[meets] = coarse_depths(
-            torch.as_tensor(near[meets]), torch.as_tensor(far[meets]), samples
-        ).numpy()
-        p_camera = directions_camera[meets][:, None, :] * depth[meets][:, :, None]
-        p_world = transformed(T_world_camera.matrix(), p_camera.reshape(-1, 3))
-        sdf, sigma, metres = metric_sdf(decoder, state, covariance, p_world)
-        tau = (sigma**2 + (residual_sigma * metres) ** 2 + (PROBIT_SCALE / _SLOPE) ** 2).sqrt()
-        occupied = probit_occupancy(sdf, tau).view(len(meets), samples)
-        reached[meets] = occupied.cummax(dim=1)[0].numpy()
+    depth, reached = np.zeros((2, len(directions_camera), samples))
+    at_once = max(1, _PLACES_AT_ONCE // samples)
+    for i in range(0, len(depth), at_once):
+        some = slice(i, i + at_once)
+        depth[some], reached[some] = ray_ends(
+            decoder, state, covariance, T_world_camera, directions_camera[some], residual_sigma, samples
+        )
     return DepthDistribution(depth, reached)
