@@ -59,7 +59,7 @@ def numbers(value: Any, *shape: int) -> np.ndarray:
     """Finite numbers of a document, in an array of this shape or of as many entries."""
     try:
         array = np.array(value, dtype=float)
-    except TypeError as error:
+    except (TypeError, OverflowError) as error:
         raise ValueError(f"{repr(value)[:40]} are no numbers") from error
     if array.size != math.prod(shape) or not np.isfinite(array).all():
         raise ValueError(f"{repr(value)[:40]} are not {' x '.join(map(str, shape))} finite numbers")

@@ -25,6 +25,8 @@ RIGID_AXES = (*POSE_AXES, *(f"log_scale_{axis} [1, object axis]" for axis in "xy
 
 _ROUNDING = 1e-4
 """Negative eigenvalue of the correlations that files in single precision and badly scaled products may have."""
+_SINGLE = 1.1e-19
+"""Standard deviation whose square is zero in single precision."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,9 +55,14 @@ class LabelledCovariance:
         matrix = _matrix(where, self.matrix).copy()
         if matrix.shape != (len(axes), len(axes)):
             raise CovarianceError(f"{where} has shape {matrix.shape} and {len(axes)} axes")
-        largest = np.abs(matrix).max(initial=0.0)
-        if np.abs(matrix - matrix.T).max(initial=0.0) > 1e-6 * largest or (np.diag(matrix) < 0).any():
-            raise CovarianceError(f"{where} is not symmetric, or has a negative variance")
+        if (np.diag(matrix) < 0).any():
+            raise CovarianceError(f"{where} has a negative variance")
+        sigma = np.maximum(np.sqrt(np.diag(matrix)), _SINGLE)
+        allowed = np.outer(sigma, sigma)  # an entry is as large at most
+        if (np.abs(matrix - matrix.T) > 1e-6 * allowed).any():
+            raise CovarianceError(f"{where} is not symmetric")
+        if (np.abs(matrix) > allowed)[np.diag(matrix) == 0].any():
+            raise CovarianceError(f"{where} has an axis that does not vary, and goes along with another")
         if _least_of_correlation(matrix) < -_ROUNDING:
             raise CovarianceError(f"{where} is indefinite: some direction would have a negative variance")
         matrix.setflags(write=False)
@@ -103,7 +110,7 @@ class LabelledCovariance:
 
     def table(self) -> Table:
         """Every axis with its standard deviation, and the axis that it goes along with most."""
-        table = Table(title=f"{self.subject} ({self.source})".strip())
+        table = Table(title=escape(f"{self.subject} ({self.source})".strip()))
         for label, justify in (("axis", "left"), ("std", "right"), ("goes along with", "left")):
             table.add_column(label, justify=justify, no_wrap=True)  # pyright: ignore[reportArgumentType]
         others = self.correlation - np.eye(len(self.axes))
@@ -136,7 +143,7 @@ class LabelledCovariance:
             raise CovarianceError("source, subject and axes of a covariance must be text")
         try:
             matrix = np.array(document["matrix"], dtype=float)
-        except (TypeError, ValueError) as error:
+        except (TypeError, ValueError, OverflowError) as error:
             raise CovarianceError(f"the matrix of a covariance must be numbers ({error})") from error
         return cls(matrix, tuple(document["axes"]), document["source"], document["subject"])
 

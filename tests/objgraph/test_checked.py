@@ -67,6 +67,11 @@ def test_what_is_no_whole_number(value):
         whole(value)
 
 
+def test_a_number_that_no_float_holds_is_none():
+    with pytest.raises(ValueError, match="no numbers"):
+        numbers([10**400], 1)
+
+
 def test_numbers_have_a_shape():
     np.testing.assert_array_equal(numbers([1, 2, 3, 4], 2, 2), [[1, 2], [3, 4]])
     np.testing.assert_array_equal(numbers(2.5, 1), [2.5])

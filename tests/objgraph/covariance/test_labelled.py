@@ -123,6 +123,7 @@ def test_json_gives_the_same_covariance_back():
     [
         ({"matrix": [[1.0, 0.0], [0.0, 1.0]]}, "shape"),
         ({"matrix": "none"}, "numbers"),
+        ({"matrix": [[10**400]]}, "numbers"),
         ({"axes": 3}, "text"),
         ({"axes": ["a"] * LENGTH}, "in this order"),
         ({"source": None}, "text"),
@@ -139,11 +140,40 @@ def test_a_broken_document_is_refused(change, message):
 
 @pytest.mark.parametrize(
     "matrix",
-    [np.diag([1.0, -1.0]), np.array([[1.0, 0.5], [0.0, 1.0]]), np.array([[np.nan, 0.0], [0.0, 1.0]])],
+    [
+        np.diag([1.0, -1.0]),
+        np.array([[1.0, 0.5], [0.0, 1.0]]),
+        np.array([[np.nan, 0.0], [0.0, 1.0]]),
+        np.array([[0.0, 0.5], [0.5, 1.0]]),
+        np.array([[0.0, 1e-9], [1e-9, 1.0]]),
+    ],
 )
 def test_what_is_no_covariance_is_refused(matrix):
     with pytest.raises(CovarianceError, match="table 2: the covariance"):
         LabelledCovariance(matrix, ("a", "b"), "marginals", "table 2")
+
+
+def test_asymmetry_is_measured_by_the_variances_of_its_axes():
+    matrix = np.diag([1e6, 1e-4, 1e-4])
+    matrix[1, 2] = 0.9e-4
+    with pytest.raises(CovarianceError, match="not symmetric"):
+        LabelledCovariance(matrix, ("a", "b", "c"), "marginals")
+
+
+@given(st.integers(0, 1000))
+def test_what_was_saved_in_single_precision_is_read(seed):
+    rng = np.random.default_rng(seed)
+    sizes = 10.0 ** rng.uniform(-4, 3, LENGTH)
+    matrix = some_covariance(seed).matrix * np.outer(sizes, sizes)
+    matrix[seed % LENGTH] = matrix[:, seed % LENGTH] = 0.0
+    ObjectCovariance.of(matrix.astype(np.float32), "marginals")
+
+
+def test_a_table_is_titled_with_any_subject():
+    console = Console(width=120, record=True)
+    with console.capture() as capture:
+        console.print(LabelledCovariance(np.eye(1), ("a",), "adam", "chair [/2] [red]").table())
+    assert "chair [/2] [red] (adam)" in capture.get()
 
 
 def test_the_table_names_every_axis_and_what_it_goes_along_with():
