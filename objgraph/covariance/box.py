@@ -58,11 +58,13 @@ def box_pose(
     `turns` widen the covariance by the other headings that the object may have: to the second moment of all about this one.
 
     Raises:
-        CovarianceError: the covariance is not of this state, or the vertices have no box.
+        CovarianceError: the covariance is not of this state, the vertices have no box, or `turns` are no modes.
         SolveError: the code has no surface, or no surface faces one of the sides.
     """
     checks.instance("prior", prior, ShapePrior, CovarianceError)
     of_one_object(state, covariance)
+    if turns is not None:
+        checks.instance("turns", turns, HeadingModes, CovarianceError)
     if prior.box is not None:
         centre, extents = state.T_world_object.translation(), state.scale * prior.box
         jacobian = np.eye(9, len(covariance.matrix))

@@ -6,7 +6,9 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Float
 
+from factors import checks
 from objgraph.covariance.labelled import ObjectCovariance
+from objgraph.errors import CovarianceError
 
 HEADINGS = 24
 """Turned by so many equal steps, an object is back where it was."""
@@ -23,9 +25,11 @@ def with_other_headings(
 
     `costs` gives what the object costs turned by 0, 1, ... of the `HEADINGS` steps about its up axis, all else held; it is asked only where the heading is doubtful. What the variance of the heading so found
     exceeds the Gaussian's own by, everything else being held, is added: nothing where the posterior is Gaussian,
-    pi^2 / 3 in all where every heading is as likely.
+    pi^2 / 3 in all where every heading is as likely. Raises CovarianceError where the covariance is not positive definite.
     """
-    known = 1.0 / np.linalg.inv(covariance.matrix)[_HEADING, _HEADING]
+    checks.instance("the covariance of an object", covariance, ObjectCovariance, CovarianceError)
+    matrix = checks.covariance("the covariance of an object", covariance.matrix, None, CovarianceError)
+    known = 1.0 / np.linalg.inv(matrix)[_HEADING, _HEADING]
     if known < _DOUBTFUL**2:
         return covariance
     matrix = covariance.matrix.copy()

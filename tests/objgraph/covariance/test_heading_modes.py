@@ -72,6 +72,12 @@ def test_a_box_that_may_stand_the_other_way_round_is_held_both_ways():
     assert np.linalg.eigvalsh(added).min() > -1e-12
 
 
+def test_turns_that_are_none_are_refused():
+    prior, covariance = toy_prior(), ObjectCovariance.diagonal(np.full(13, 1e-4), "marginals")
+    with pytest.raises(CovarianceError, match="turns must be of type HeadingModes"):
+        box_pose(prior, toy_state(), covariance, np.eye(3), turns=[0.5, 0, 0.5, 0])  # pyright: ignore[reportArgumentType]
+
+
 def test_states_are_told_apart_by_the_nearest_quarter_of_the_estimate():
     """Of two at one turn the cheaper counts; what stands as the estimate does is the estimate's own heading."""
     angles = (0.3, 0.3 + np.pi / 2 + 0.2, 0.3 + np.pi / 2 - 0.2, 0.3 - np.pi / 2)

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from factors.state import ObjectState
 from objgraph.covariance.heading_ring import HEADINGS, heading_variance, with_other_headings
 from objgraph.covariance.labelled import ObjectCovariance
+from objgraph.errors import CovarianceError
 from objgraph.estimate.graph import GraphEstimator
 from objgraph.estimate.task import EstimationTask
 from objgraph.graph.solve import SolverConfig
@@ -99,3 +100,10 @@ def test_a_stool_has_no_heading_and_a_chair_has():
     assert np.degrees(round_one.sigma[[0, 2]].max()) < 10
     assert round_one.sigma[3:6].max() < 0.05
     assert np.degrees(chair.sigma[1]) < 5
+
+
+@pytest.mark.parametrize("matrix", [np.zeros((9, 9)), np.ones((9, 9))])
+def test_a_covariance_without_an_inverse_is_refused(matrix):
+    singular = ObjectCovariance.of(matrix, "marginals")
+    with pytest.raises(CovarianceError, match="not positive definite"):
+        with_other_headings(singular, lambda: np.zeros(HEADINGS))
