@@ -5,11 +5,12 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float
 from scipy.optimize import linprog
-from scipy.spatial import ConvexHull, HalfspaceIntersection
+from scipy.spatial import ConvexHull, HalfspaceIntersection, QhullError
 
 from objgraph.errors import GeometryError
 
 _THINNEST = 1e-9  # radius, relative to the larger box, under which two boxes only touch
+_THIN = 1e-5  # and under which the hull of what they share may fail; it holds a share of 1e-5 at most
 
 
 @dataclass(frozen=True)
@@ -62,16 +63,21 @@ def intersection_volume(a: OrientedBox, b: OrientedBox) -> float:
     interior = _deepest_point(halfspaces)
     if interior is None:
         return 0.0
-    corners = HalfspaceIntersection(halfspaces, interior).intersections
-    return float(ConvexHull(corners).volume) * size**3
+    try:
+        corners = HalfspaceIntersection(halfspaces, interior[:3]).intersections
+        return float(ConvexHull(corners).volume) * size**3
+    except QhullError:
+        if interior[3] > _THIN:
+            raise
+        return 0.0  # what they share is too thin for its corners to be told apart
 
 
-def _deepest_point(halfspaces: Float[np.ndarray, "n 4"]) -> Float[np.ndarray, "3"] | None:
-    """Centre of the largest inscribed ball, or None where there is none."""
+def _deepest_point(halfspaces: Float[np.ndarray, "n 4"]) -> Float[np.ndarray, "4"] | None:
+    """Centre and radius of the largest inscribed ball, or None where there is none."""
     # unit normals, so the ball's radius enters every row with weight one
     rows = np.column_stack([halfspaces[:, :3], np.ones(len(halfspaces))])
     bounds = [(None, None)] * 3 + [(0, None)]
     result = linprog([0, 0, 0, -1], A_ub=rows, b_ub=-halfspaces[:, 3], bounds=bounds)
     if not result.success or result.x[3] <= _THINNEST:
         return None
-    return result.x[:3]
+    return result.x

@@ -65,6 +65,15 @@ def test_boxes_that_touch_or_are_apart_share_nothing(distance):
     assert box_iou(a, b) == pytest.approx(0.0, abs=1e-9)
 
 
+@pytest.mark.parametrize("seed", range(100))
+def test_boxes_that_overlap_at_a_corner_by_next_to_nothing_share_nothing(seed):
+    rng = np.random.default_rng(seed)
+    extents, overlap = rng.uniform(0.3, 2, 3), 10 ** rng.uniform(-9, -6, 3)
+    a = OrientedBox(np.zeros(3), np.eye(3), np.ones(3))
+    b = OrientedBox((np.ones(3) + extents) / 2 - overlap, np.eye(3), extents)
+    assert intersection_volume(a, b) == pytest.approx(0.0, abs=1e-15)
+
+
 def test_a_flat_box_is_refused():
     with pytest.raises(GeometryError, match="positive side lengths"):
         OrientedBox(np.zeros(3), np.eye(3), np.array([1.0, 0.0, 1.0]))
