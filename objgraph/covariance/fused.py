@@ -9,7 +9,13 @@ from jaxtyping import Float
 from factors import checks
 from factors.state import POSE_DOF, RIGID_DOF, ObjectState
 from objgraph.covariance.labelled import ObjectCovariance, of_one_object
+from objgraph.covariance.quantile import squared_limit
 from objgraph.errors import CovarianceError
+
+_AGREEING = 1 - 1e-6
+"""Share of two consistent estimates that are no further apart than those that are fused."""
+_TOO_SURE = 3.0
+"""Standard deviations are too small by about as much: marginals do not know what the prior cannot make."""
 
 
 def fused(
@@ -24,8 +30,9 @@ def fused(
     at the first one.
 
     Raises:
-        CovarianceError: `share` is not between 0 and 1, the codes are of different decoders, or a covariance is not
-            positive definite.
+        CovarianceError: `share` is not between 0 and 1, the codes are of different decoders, a covariance is not
+            positive definite, or the estimates contradict each other: their rotations or their
+            centres are much further apart than both covariances allow, however their errors go together.
     """
     if not 0 < checks.number("the first estimate's share", share, error=CovarianceError) < 1:
         raise CovarianceError(f"the first estimate's share must be between 0 and 1, not {share}")
@@ -50,6 +57,7 @@ def fused(
     difference[:POSE_DOF] = *turn, *(other.T_world_object.translation() - centre)
     of_first = _carried(a.matrix, np.eye(3), R.matrix())
     of_other = _carried(b.matrix, gtsam.Rot3.LogmapDerivative(turn), other_R.matrix())
+    _require_agreement(difference, of_first, of_other)
     matrix, gain = intersection(of_first, of_other, share)
     step = gain @ difference
     R_fused = R.compose(gtsam.Rot3.Expmap(step[:3]))
@@ -72,6 +80,20 @@ def intersection(
     matrix = np.linalg.inv(of_a + of_b)
     matrix = 0.5 * (matrix + matrix.T)
     return matrix, matrix @ of_b
+
+
+def _require_agreement(
+    difference: Float[np.ndarray, "d"], a: Float[np.ndarray, "d d"], b: Float[np.ndarray, "d d"]
+) -> None:
+    """Whatever errors have in common, the covariance of two estimates' difference is at most 2 (A + B)."""
+    for what, rows in (("rotations", slice(0, 3)), ("centres", slice(3, POSE_DOF))):
+        apart = difference[rows]
+        squared = apart @ np.linalg.solve(2 * _TOO_SURE**2 * (a + b)[rows, rows], apart)
+        if squared > squared_limit(_AGREEING, 3):
+            raise CovarianceError(
+                f"the estimates contradict each other: their {what} are {np.linalg.norm(apart):.2g} "
+                f"{'rad' if what == 'rotations' else 'm'} apart, far more than both covariances allow"
+            )
 
 
 def _carried(

@@ -86,3 +86,25 @@ def test_a_share_that_is_none_is_refused(share):
     each = estimate(0.2, (0.0, 0.0, 0.0))
     with pytest.raises(CovarianceError):
         fused(each, each, share)
+
+
+@pytest.mark.parametrize(
+    ("heading", "centre", "sigmas"),
+    [
+        (np.pi, (0.0, 0.0, 0.0), SIGMAS),
+        (-2.0, (0.0, 0.0, 0.0), SIGMAS),
+        (0.0, (1.0, 0.0, 0.0), SIGMAS),
+        (np.pi, (0.0, 0.0, 0.0), np.radians(1) * np.ones(9 + CODE)),
+    ],
+)
+def test_estimates_that_contradict_each_other_are_not_fused(heading, centre, sigmas):
+    tight = np.concatenate([np.minimum(sigmas[:6], 0.02), sigmas[6:]])
+    with pytest.raises(CovarianceError, match="contradict each other"):
+        fused(estimate(0.2, (0.0, 0.0, 0.0), tight), estimate(0.2 + heading, centre, tight))
+
+
+def test_estimates_are_fused_as_far_apart_as_any_common_errors_allow():
+    """Of errors that are each other's opposite the difference has four times one's variance, not twice."""
+    rng = np.random.default_rng(0)
+    for x, y, z, turn in rng.normal(size=(200, 4)) * [*SIGMAS[3:6], SIGMAS[2]]:
+        fused(estimate(0.2 + turn, (x, y, z)), estimate(0.2 - turn, (-x, -y, -z)))
