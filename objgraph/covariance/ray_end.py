@@ -82,11 +82,11 @@ def ray_ends(
     sdf = sdf.view_as(slope)
     shift = _shift(sdf, change, slope, move)
     rest = change - slope * shift[:, None]
-    tau = (variance - change.square()).clamp_min((PROBIT_SCALE / _SLOPE) ** 2) + _WITHIN * rest.square()
+    square = (variance - change.square()).clamp_min((PROBIT_SCALE / _SLOPE) ** 2) + _WITHIN * rest.square()
 
     at = torch.cat([start[:, None], cells.depth], dim=1)[:, :, None] + (shift[:, None] * _MOVES)[:, None, :]
     mean = sdf[:, :, None] + rest[:, :, None] * _MOVES
-    occupied = probit_occupancy(mean, tau.sqrt()[:, :, None])
+    occupied = probit_occupancy(mean, square.sqrt()[:, :, None])
     occupied = torch.where(at[:, 1:] >= _NEAREST, occupied, 0.0)
     of_move = torch.nn.functional.pad(occupied, (0, 0, 1, 0)).cummax(dim=1)[0]
     weight = torch.softmax(-0.5 * _MOVES.square() / (1 - _WITHIN), dim=0)
