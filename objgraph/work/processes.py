@@ -6,7 +6,7 @@ from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from functools import partial
-from multiprocessing import active_children, forkserver, get_all_start_methods, get_context
+from multiprocessing import forkserver, get_all_start_methods, get_context
 from typing import Literal, TypeVar
 
 from objgraph.errors import ObjectGraphError, ProcessError
@@ -80,12 +80,12 @@ def process_pool(
     Raises:
         error: a process died.
     """
-    others = set(active_children())
     pool = ProcessPoolExecutor(jobs, get_context("fork" if start == "fork" else _copies()), _begin, (begin,))
     try:
         yield pool
     except BaseException as problem:
-        for worker in set(active_children()) - others:
+        # its own alone, which no public name gives before Python 3.14: the caller has processes too
+        for worker in list((pool._processes or {}).values()):
             worker.terminate()
         if isinstance(problem, BrokenProcessPool):
             raise error(

@@ -4,7 +4,7 @@ import logging
 import os
 import time
 from functools import partial
-from multiprocessing import active_children
+from multiprocessing import active_children, get_context
 
 import pytest
 import torch
@@ -82,4 +82,24 @@ def test_work_that_nobody_wants_any_more_is_left():
     found = spread([partial(worked, "a"), partial(worked, "wait")], Workers(2))
     assert next(found) == (0, "a")
     found.close()
+    assert not active_children()
+
+
+@pytest.mark.parametrize("end", ["left", "mistake"])
+def test_a_pool_that_is_stopped_ends_its_own_processes_alone(end):
+    stopped = spread([partial(worked, "a"), partial(worked, "wait")], Workers(2))
+    assert next(stopped) == (0, "a")
+    own = get_context("fork").Process(target=time.sleep, args=(600,))
+    own.start()
+    with process_pool(1, ProcessError) as other:
+        work = other.submit(time.sleep, 1)
+        if end == "left":
+            stopped.close()
+        else:
+            with pytest.raises(KeyboardInterrupt):
+                stopped.throw(KeyboardInterrupt)
+        work.result()  # of a pool that is not stopped
+    assert own.is_alive()
+    own.kill()
+    own.join()
     assert not active_children()
