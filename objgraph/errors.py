@@ -56,7 +56,7 @@ class OutputError(ObjectGraphError):
 
 
 class ProcessError(ObjectGraphError):
-    """A process that was at a piece of the work died."""
+    """A process that was at a piece of the work died, or could not send what came of it."""
 
 
 class ViewError(ObjectGraphError, ValueError):

@@ -10,7 +10,7 @@ from multiprocessing import forkserver, get_all_start_methods, get_context
 from typing import Literal, TypeVar
 
 from objgraph.errors import ObjectGraphError, ProcessError
-from objgraph.work.worker import begin_worker, heard, listen
+from objgraph.work.worker import begin_worker, heard, listen, received
 
 log = logging.getLogger(__name__)
 
@@ -49,7 +49,7 @@ def _in_processes(
     """Results of the pieces; those that a process's death has left undone stay in `left`."""
     level = logging.getLogger("objgraph").getEffectiveLevel()
     with process_pool(jobs, ProcessError, begin=partial(listen, level)) as pool:
-        places: dict[Future[tuple[Result, list[logging.LogRecord]]], int] = {}
+        places: dict[Future[tuple[bytes, list[logging.LogRecord]]], int] = {}
         for place, work in pieces:
             left[place] = work
             try:
@@ -59,9 +59,7 @@ def _in_processes(
         for future in as_completed(places):
             if isinstance(future.exception(), BrokenProcessPool):
                 continue
-            result, records = future.result()
-            for record in records:
-                logging.getLogger(record.name).handle(record)
+            result = received(*future.result())
             del left[places[future]]
             yield places[future], result
 

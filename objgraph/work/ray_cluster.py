@@ -9,7 +9,7 @@ from types import ModuleType
 from typing import Any, TypeVar
 
 from objgraph.errors import ProcessError
-from objgraph.work.worker import heard, listen
+from objgraph.work.worker import heard, listen, received
 
 Result = TypeVar("Result")
 
@@ -47,16 +47,16 @@ def spread_by_ray(
 
 def _piece(
     work: Callable[[], Result], level: int, folder: str
-) -> tuple[Result, list[logging.LogRecord]]:  # pragma: no cover - runs in a worker
+) -> tuple[bytes, list[logging.LogRecord]]:  # pragma: no cover - runs in a worker
     listen(level)
     with suppress(OSError):  # of another machine, where relative paths then lead nowhere
         os.chdir(folder)
-    return heard(work)
+    return heard(work, _package().cloudpickle.dumps)  # which knows a script's own classes, too
 
 
 def _result(ray: ModuleType, done: Any) -> Any:
     try:
-        result, records = ray.get(done)
+        return received(*ray.get(done))
     except ray.exceptions.RayTaskError as error:
         raise error.cause from error  # the work's own mistake, as with processes
     except ray.exceptions.RayError as error:
@@ -64,9 +64,6 @@ def _result(ray: ModuleType, done: Any) -> Any:
         return ProcessError(
             f"no worker could do it in {_RETRIES + 1} tries, perhaps for want of memory: {words}"
         )
-    for record in records:
-        logging.getLogger(record.name).handle(record)
-    return result
 
 
 def _package() -> ModuleType:

@@ -38,7 +38,8 @@ def spread(
 
     Each piece has one thread, so that results do not depend on the workers. With one job it is done here, when it is
     asked for; with more it is pickled to one of so many processes, and what it logs there is logged here. A process that
-    dies costs the piece that it was at, whose result is the error, and no other.
+    dies costs the piece that it was at, whose result is the error, and no other; so does a result that cannot be pickled,
+    or an error that cannot. Any other error of the work is raised here, and ends the rest.
 
     Raises:
         ProcessError: there is no Ray cluster.

@@ -3,6 +3,7 @@
 import ctypes
 import logging
 import os
+import pickle
 import signal
 import sys
 import threading
@@ -11,9 +12,11 @@ from contextlib import contextmanager
 from logging.handlers import QueueHandler
 from multiprocessing import parent_process
 from queue import SimpleQueue
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from threadpoolctl import threadpool_limits
+
+from objgraph.errors import ProcessError
 
 Result = TypeVar("Result")
 
@@ -29,14 +32,51 @@ def listen(level: int) -> None:
     logging.getLogger().setLevel(level)
 
 
-def heard(work: Callable[[], Result]) -> tuple[Result, list[logging.LogRecord]]:
-    """What comes of a piece of work, of one thread, and what was logged on the way."""
+def heard(
+    work: Callable[[], object], dumps: Callable[[object], bytes] = pickle.dumps
+) -> tuple[bytes, list[logging.LogRecord]]:
+    """What comes of a piece of work, of one thread, pickled, and what was logged on the way; `received` reads it.
+
+    Pickled here, because what cannot be costs the piece alone here: on the way it would end the pool, or look like a death.
+    An error that can be pickled is raised; of another, as of such a result, comes a ProcessError that names it.
+    """
+    try:
+        with threads(1):
+            result = work()
+    except Exception as error:
+        if _travels(error, dumps):
+            raise
+        result = ProcessError(_in_words(error))
+    try:
+        data = dumps(result)
+    except Exception as error:  # whatever the result's own methods raise
+        data = dumps(ProcessError(f"its result cannot be pickled ({_in_words(error)})"))
     records = []
-    with threads(1):
-        result = work()
     while not _TOLD.empty():
         records.append(_TOLD.get())
-    return result, records
+    return data, records
+
+
+def received(data: bytes, records: list[logging.LogRecord]) -> Any:
+    """What `heard` gives, unpickled and logged here."""
+    for record in records:
+        logging.getLogger(record.name).handle(record)
+    try:
+        return pickle.loads(data)
+    except Exception as error:
+        return ProcessError(f"its result cannot be unpickled ({_in_words(error)})")
+
+
+def _travels(error: Exception, dumps: Callable[[object], bytes]) -> bool:
+    try:
+        pickle.loads(dumps(error))
+    except Exception:
+        return False
+    return True
+
+
+def _in_words(error: Exception) -> str:
+    return f"{type(error).__name__}: {error}"
 
 
 @contextmanager

@@ -2,6 +2,7 @@
 
 import logging
 import os
+import re
 import time
 from functools import partial
 from multiprocessing import active_children, get_context
@@ -21,6 +22,27 @@ def worked(what: str) -> str:
     if what == "fail":
         raise ValueError("mistake")
     return what
+
+
+class TwoWords(Exception):
+    """Is pickled, but not unpickled: its constructor is called with one argument then."""
+
+    def __init__(self, one: str, other: str) -> None:
+        super().__init__(f"{one} {other}")
+
+
+def awkward(what: str) -> object:
+    """What a process cannot send."""
+    if what == "error":
+        raise TwoWords("disk", "full")
+    return (lambda: what) if what == "result" else [TwoWords("an", "entry")]
+
+
+AWKWARD = {
+    "error": r"^TwoWords: disk full$",
+    "result": "its result cannot be pickled .*lambda",
+    "entry": "its result cannot be unpickled .*TwoWords",
+}
 
 
 def told(i: int) -> tuple[int, int]:
@@ -69,6 +91,16 @@ def test_a_process_that_dies_costs_its_piece_alone(caplog):
     assert all(isinstance(found[place], ProcessError) for place in (1, 3))
     assert len(found) == 5
     assert "a process died" in caplog.text
+
+
+@pytest.mark.parametrize("what", AWKWARD)
+def test_what_a_process_cannot_send_costs_its_piece_alone_and_is_named(what, caplog):
+    works = [partial(worked, "a"), partial(awkward, what), partial(worked, "b")]
+    found = dict(spread(works, Workers(2)))
+    assert (found[0], found[2]) == ("a", "b")
+    assert isinstance(found[1], ProcessError)
+    assert re.search(AWKWARD[what], str(found[1]))
+    assert "died" not in caplog.text
 
 
 def test_an_error_in_a_process_is_raised_here_and_ends_the_others():

@@ -2,6 +2,7 @@
 
 import logging
 import os
+import re
 import signal
 import socket
 import sys
@@ -14,7 +15,7 @@ from objgraph.bench.comparison.running.runner import run
 from objgraph.errors import ProcessError
 from objgraph.work import Workers, spread
 from tests.objgraph.bench.test_comparison_runner import Count
-from tests.objgraph.work.test_processes import told, worked
+from tests.objgraph.work.test_processes import AWKWARD, awkward, told, worked
 
 RAY = Workers(2, "ray")
 
@@ -56,6 +57,14 @@ def test_a_piece_that_kills_every_worker_costs_itself_alone():
     assert (found[0], found[2]) == ("a", "b")
     assert isinstance(found[1], ProcessError)
     assert "in 4 tries" in str(found[1])
+
+
+@pytest.mark.parametrize("what", ["error", "entry"])  # Ray sends a lambda
+def test_what_a_worker_cannot_send_costs_its_piece_alone_and_is_named(what):
+    found = dict(spread([partial(worked, "a"), partial(awkward, what), partial(worked, "b")], RAY))
+    assert (found[0], found[2]) == ("a", "b")
+    assert isinstance(found[1], ProcessError)
+    assert re.search(AWKWARD[what], str(found[1]))
 
 
 def test_a_mistake_is_raised_here_and_ends_the_others(cluster):
