@@ -293,11 +293,14 @@ class ObjectGraph:
         """
         self._check_known(handle)
         keys = [*handle.keys, *checks.keys(f"{handle.name}: others", others)]
-        parts = [p for p in self.problems() if any(p.values.exists(key) for key in keys)]
-        # parts that share no factor do not correlate, and GTSAM says so of the whole
-        graph, values = (parts[0].graph, parts[0].values) if len(parts) == 1 else (self.graph, self.values)
-        if not all(values.exists(key) for key in keys):
-            graph, values = self.graph, self.values
+        # of the parts that hold them alone: what another part lacks is nothing to them
+        graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
+        for part in self.problems():
+            if any(part.values.exists(key) for key in keys):
+                graph.push_back(part.graph)
+                values.insert(part.values)
+        lonely = {key for key in keys if self.values.exists(key) and not values.exists(key)}
+        values.insert(self.values.extract(gtsam.KeyVector([*lonely])))  # named by the posterior
         return Posterior(graph, values, [each.keys for each in self.objects]).joint_covariance(keys)
 
     def _placed(

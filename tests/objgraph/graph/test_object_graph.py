@@ -189,6 +189,28 @@ def test_joint_marginals_with_cameras():
     assert np.abs(joint[:6, 13:]).max() > 1e-8
 
 
+def test_joint_marginals_are_asked_of_the_parts_that_hold_the_keys_alone():
+    state = toy_state()
+    (view,) = views_of(state, [0.3])
+    objects, handle = camera_graph(state, view.T_world_camera, view)
+    noise = gtsam.noiseModel.Isotropic.Sigma(6, 0.1)
+    objects.values.insert(X(6), gtsam.Pose3())
+    objects.graph.push_back(gtsam.PriorFactorPose3(X(6), gtsam.Pose3(), noise))
+    for k in (7, 8, 9):  # of two of these nothing says where they are, of the third nothing at all
+        objects.values.insert(X(k), gtsam.Pose3())
+    objects.graph.push_back(gtsam.BetweenFactorPose3(X(7), X(8), gtsam.Pose3(), noise))
+    objects.refresh()
+    joint = objects.joint_marginals(handle, [X(6)])
+    np.testing.assert_allclose(joint[:13, :13], objects.marginals(handle).matrix, rtol=1e-9)
+    np.testing.assert_allclose(joint[13:, 13:], 0.01 * np.eye(6), atol=1e-12)
+    assert not joint[:13, 13:].any()
+    for key, words in ((X(7), "does not determine x7, x8"), (X(9), "does not determine x9 .no factor")):
+        with pytest.raises(SolveError, match=words):
+            objects.joint_marginals(handle, [X(6), key])
+    with pytest.raises(SolveError, match="x10 has no covariance: it is not in the values"):
+        objects.joint_marginals(handle, [X(10)])
+
+
 def test_the_caller_s_own_optimiser_works_after_refresh():
     state, objects = toy_state(), empty()
     handle = objects.add_object(toy_prior(), state.retract(0.5 * OFF))
