@@ -6,6 +6,7 @@ import gtsam
 import numpy as np
 from jaxtyping import Float
 
+from factors import checks
 from factors.keys import readable_key
 from factors.state import ObjectKeys
 from objgraph.covariance.joint import joint_covariance
@@ -13,10 +14,11 @@ from objgraph.covariance.labelled import ObjectCovariance
 from objgraph.diagnostics.linear import hessian_diagonal
 from objgraph.diagnostics.null_space import TOLERANCE
 from objgraph.diagnostics.undetermined import (
+    check_finite,
     check_linear,
     explanation,
+    linearised,
     loose_directions,
-    require_values,
     without_factors,
 )
 from objgraph.errors import SolveError
@@ -46,13 +48,13 @@ class Posterior:
         """`objects` are the keys of objects that have none of the default letters, for messages.
 
         Raises:
-            SolveError: a variable has no value, or the graph leaves something undetermined; the message names keys,
-                directions and the missing priors.
+            SolveError: a variable has no value, a value or a factor is not finite, or the graph leaves something
+                undetermined; the message names keys, directions and the missing priors.
         """
-        require_values(graph, values)
+        self._linear = linearised(graph, values)
+        check_finite(self._linear)
         self._values, self._objects = gtsam.Values(values), tuple(objects)
         self._known = set(graph.keyVector())
-        self._linear = graph.linearize(values)
         self._diagonal: dict[int, np.ndarray] | None = None
         # ISAM2, not Marginals, which eliminates anew for every query of more than two variables
         self._tree = gtsam.ISAM2(gtsam.ISAM2Params())
@@ -71,9 +73,13 @@ class Posterior:
         """Joint marginal covariance of `keys`, in their order; of GTSAM's tangents, in the body frame of a `Pose3`.
 
         Raises:
-            SolveError: a key is not in the values, has no factor, or is not determined; the message names it.
+            SolveError: there is no key, or one is none, is not in the values, has no factor, or is not determined; the
+                message names it.
         """
-        if twice := [key for key in keys if list(keys).count(key) > 1]:
+        keys = checks.keys("keys", keys, SolveError)
+        if not keys:
+            raise SolveError("keys is empty: name the variables whose covariance is asked for")
+        if twice := [key for key in keys if keys.count(key) > 1]:
             raise SolveError(f"{readable_key(twice[0])} is asked for twice; name each variable once")
         lonely = [key for key in keys if key not in self._known]
         for key in lonely:

@@ -28,10 +28,9 @@ def undetermined(
     `objects` are the keys of objects that have none of the default letters.
 
     Raises:
-        SolveError: a factor's variable is not in the values.
+        SolveError: a factor's variable is not in the values, or one or a factor is not finite; the message names it.
     """
-    require_values(graph, values)
-    found = loose_directions(graph.linearize(values), values, objects, tolerance)
+    found = loose_directions(linearised(graph, values), values, objects, tolerance)
     known = set(graph.keyVector())
     return found + without_factors([key for key in values.keys() if key not in known], values, objects)  # noqa: SIM118
 
@@ -58,9 +57,13 @@ def loose_directions(
 ) -> list[Undetermined]:
     """As `undetermined`, of a graph that is linearised already.
 
-    With `at_least`, that many of the loosest directions are named even if they are above `tolerance`.
+    With `at_least`, that many of the loosest directions are named even if they are above `tolerance`. Raises SolveError
+    of a factor that is not finite: what is no number would count as none.
     """
+    check_finite(linear)
     dims = tangent_dims(linear)
+    if not dims:
+        return []
     role = roles(dims, values, objects)
     jacobian = scaled_jacobian(linear, dims, role)
     loose = null_space(jacobian.matrix, tolerance, at_least)
@@ -75,10 +78,9 @@ def check_determined(
     Costs one linearisation of `graph` and a fraction of one.
 
     Raises:
-        SolveError: something is not determined; the message names keys, directions and the missing priors.
+        SolveError: something is not determined, or not finite; the message names keys, directions and the missing priors.
     """
-    require_values(graph, values)
-    check_linear(graph.linearize(values), values, objects)
+    check_linear(linearised(graph, values), values, objects)
 
 
 def check_linear(
@@ -88,6 +90,38 @@ def check_linear(
     found = loose_directions(linear, values, objects)
     if found:
         raise SolveError(explanation(found))
+
+
+def linearised(graph: gtsam.NonlinearFactorGraph, values: gtsam.Values) -> gtsam.GaussianFactorGraph:
+    """`graph` at `values`; raises SolveError where a factor's variable is not in them or has a value that is not finite."""
+    require_values(graph, values)
+    own = values.extract(graph.keyVector())
+    # which of any type of variable differs from itself
+    if keys := _not_finite(own.localCoordinates(own), own.keys()):
+        raise SolveError(f"the value of {_names(keys)} is not finite: insert another estimate")
+    return graph.linearize(values)
+
+
+def check_finite(linear: gtsam.GaussianFactorGraph) -> None:
+    """Raise SolveError where a factor has a Jacobian or an error that is not finite."""
+    if not _not_finite(linear.gradientAtZero(), linear.keyVector()):
+        return
+    for i in range(linear.size()):
+        if linear.exists(i) and not np.isfinite(linear.at(i).augmentedJacobian()).all():
+            raise SolveError(
+                f"the factor on {_names(linear.at(i).keys())} is not finite: look at what it measured, at its noise and at "
+                "the values"
+            )
+
+
+def _not_finite(vectors: gtsam.VectorValues, keys: Iterable[int]) -> list[int]:
+    if np.isfinite(vectors.norm()):  # nearly always
+        return []
+    return [key for key in keys if not np.isfinite(vectors.at(key)).all()]
+
+
+def _names(keys: Iterable[int]) -> str:
+    return ", ".join(map(readable_key, keys))
 
 
 def require_values(graph: gtsam.NonlinearFactorGraph, values: gtsam.Values) -> None:

@@ -19,6 +19,7 @@ from objgraph.graph.object_graph import ObjectGraph
 from objgraph.maps.mapped_object import COVARIANCE_AXES
 from objgraph.observation.sampling import SamplingConfig, observe
 from objgraph.priors.mesh import extract_mesh
+from tests.objgraph.diagnostics.undetermined_graphs import chain
 from tests.toys import ToyDecoder, toy_frame, toy_prior, toy_state
 
 UP = np.array([0.0, 0.0, 1.0])
@@ -295,3 +296,29 @@ def test_surface_sigma_of_one_known_direction():
     expected = 0.01 * np.abs(points[:, 0] * normals[:, 0]) * state.scale[0]
     np.testing.assert_allclose(sigma, expected, rtol=1e-3, atol=1e-6)
     assert expected.max() > 1e-3
+
+
+@pytest.mark.parametrize(
+    ("keys", "words"),
+    [
+        ([], "keys is empty"),
+        ([-1], "a key, from 0"),
+        (["x0"], "a key, a whole number"),
+        (3, "a list of keys"),
+    ],
+)
+def test_keys_that_are_none_are_told(keys, words):
+    with pytest.raises(SolveError, match=words):
+        Posterior(*chain(2, held=True)).joint_covariance(keys)
+
+
+@pytest.mark.parametrize("number", [np.nan, np.inf])
+def test_what_is_not_finite_is_told_by_its_key(number):
+    graph, values = chain(3, held=True)
+    elsewhere = gtsam.Pose3(gtsam.Rot3(), np.array([number, 0, 0]))
+    graph.push_back(gtsam.BetweenFactorPose3(X(1), X(2), elsewhere, gtsam.noiseModel.Isotropic.Sigma(6, 0.1)))
+    with pytest.raises(SolveError, match="the factor on x1, x2 is not finite"):
+        Posterior(graph, values)
+    values.update(X(2), elsewhere)
+    with pytest.raises(SolveError, match="the value of x2 is not finite"):
+        Posterior(graph, values)

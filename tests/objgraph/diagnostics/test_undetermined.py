@@ -5,7 +5,7 @@ from dataclasses import replace
 import gtsam
 import numpy as np
 import pytest
-from gtsam.symbol_shorthand import X
+from gtsam.symbol_shorthand import L, X
 
 from factors.base import Annealing
 from factors.keys import readable_key
@@ -179,3 +179,27 @@ def test_the_solver_refuses_before_it_moves_anything_and_solves_the_others():
     solve([permissive], SolverConfig(rounds=2))
     assert permissive.failure is None
     assert not permissive.values.equals(start, 1e-3)
+
+
+def test_an_empty_graph_leaves_nothing_undetermined_but_variables_without_factors():
+    graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
+    assert undetermined(graph, values) == []
+    check_determined(graph, values)
+    values.insert(X(0), gtsam.Pose3())
+    (found,) = undetermined(graph, values)
+    assert (found.keys, found.dof) == ((X(0),), 6)
+
+
+@pytest.mark.parametrize("number", [np.nan, np.inf])
+@pytest.mark.parametrize("ask", [undetermined, check_determined])
+def test_what_is_not_finite_is_not_told_as_undetermined(ask, number):
+    graph, values = chain(3, held=True)
+    graph.push_back(
+        gtsam.PriorFactorPoint3(L(0), np.array([number, 0, 0]), gtsam.noiseModel.Isotropic.Sigma(3, 1))
+    )
+    values.insert(L(0), np.zeros(3))
+    with pytest.raises(SolveError, match="the factor on l0 is not finite"):
+        ask(graph, values)
+    values.update(X(1), gtsam.Pose3(gtsam.Rot3(), np.array([number, 0, 0])))
+    with pytest.raises(SolveError, match="the value of x1 is not finite"):
+        ask(graph, values)
