@@ -1,13 +1,16 @@
 """Files and folders that appear whole or not at all.
 
 They are made under a name of their own beside their place. What a kill leaves of them goes with the next write into the same
-folder: whoever makes one holds a lock on it, which ends with the process.
+folder: whoever makes one holds a lock on it, which ends with the process. A link stays, and what it leads to is written. What
+replaces something has its mode, and what is new the mode that the process gives.
 """
 
 import errno
 import fcntl
 import os
+import secrets
 import shutil
+import stat
 import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
@@ -33,12 +36,15 @@ def write_file(path: Path, data: bytes, error: type[ObjectGraphError] = OutputEr
 def new_file(path: Path, error: type[ObjectGraphError] = OutputError) -> Iterator[Path]:
     """The same for what writes files itself: it is given a name to write to, which becomes `path` after the block."""
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with _unfinished(path, _empty_file) as (unfinished, handle):
+        place = _led_to(path)
+        if place.is_dir():
+            raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
+        place.parent.mkdir(parents=True, exist_ok=True)
+        with _unfinished(place, _empty_file) as (unfinished, handle, mode):
             yield unfinished
             os.fsync(handle)
-            unfinished.chmod(0o644)
-            os.replace(unfinished, path)
+            unfinished.chmod(mode)
+            os.replace(unfinished, place)
     except OSError as problem:
         raise error(f"{path}: cannot be written ({problem})") from problem
 
@@ -50,9 +56,10 @@ def check_place(path: Path, error: type[ObjectGraphError] = OutputError) -> None
         error: it could not, whatever is in the way.
     """
     try:
-        if path.is_dir():
+        place = _led_to(path)
+        if place.is_dir():
             raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
-        folder = next(above for above in path.absolute().parents if above.exists())
+        folder = next(above for above in place.parents if above.exists())
         with tempfile.TemporaryFile(dir=folder):
             pass
     except OSError as problem:
@@ -66,13 +73,19 @@ def write_folder(root: Path, write: Callable[[Path], None]) -> Path:
         DatasetError: `root` is in use, or cannot be written.
     """
     try:
-        if root.exists() and (not root.is_dir() or any(root.iterdir())):
-            raise DatasetError(f"{root}: already there; remove it or name another folder")
-        root.parent.mkdir(parents=True, exist_ok=True)
-        with _unfinished(root, _empty_folder) as (unfinished, _):
+        place = _led_to(root)
+        if place.exists():
+            if not place.is_dir() or any(place.iterdir()):
+                raise DatasetError(f"{root}: already there; remove it or name another folder")
+            if place.is_mount() or place.samefile("."):  # neither can be replaced
+                raise DatasetError(
+                    f"{root}: where a disk is mounted, or the folder one is in; name a new one inside it"
+                )
+        place.parent.mkdir(parents=True, exist_ok=True)
+        with _unfinished(place, _empty_folder) as (unfinished, _, mode):
             write(unfinished)
-            unfinished.chmod(0o755)
-            os.replace(unfinished, root)
+            unfinished.chmod(mode)
+            os.replace(unfinished, place)
     except OSError as error:
         raise DatasetError(f"{root}: the folder cannot be written ({error})") from error
     return root
@@ -90,22 +103,37 @@ def ensure_folder(root: Path, record: str, write: Callable[[Path], None]) -> Pat
         raise
 
 
+def _led_to(path: Path) -> Path:
+    """What a path leads to when all links in it are followed, be it there or not."""
+    return Path(os.path.realpath(path))
+
+
 @contextmanager
-def _unfinished(path: Path, make: Callable[[Path], tuple[Path, int]]) -> Iterator[tuple[Path, int]]:
-    """Something new beside `path`, locked while it is open; it is gone afterwards, unless it was renamed."""
-    _sweep(path.parent)
+def _unfinished(place: Path, make: Callable[[Path], int]) -> Iterator[tuple[Path, int, int]]:
+    """Something new beside `place`, locked while it is open, and the mode that is due; it is gone afterwards, unless it was
+    renamed. `make` makes it at a name and opens it."""
+    _sweep(place.parent)
     while True:
-        unfinished, handle = make(path)
+        unfinished = place.with_name(_unfinished_name(place.name))
+        handle = make(unfinished)
         with suppress(OSError):  # not every file system has locks: nothing is swept there
             fcntl.flock(handle, fcntl.LOCK_EX)
         if unfinished.exists():
             break
         os.close(handle)  # swept before it was locked
     try:
-        yield unfinished, handle
+        mode = stat.S_IMODE((place if place.exists() else unfinished).stat().st_mode)
+        unfinished.chmod(0o700 if unfinished.is_dir() else 0o600)  # nobody's but one's own till it is done
+        yield unfinished, handle, mode
     finally:
         _remove(unfinished)
         os.close(handle)
+
+
+def _unfinished_name(name: str) -> str:
+    """One of its own, no longer than a name may be."""
+    begin = os.fsencode(name)[:80].decode(errors="ignore")
+    return f".{begin}.{secrets.token_hex(8)}{UNFINISHED}"
 
 
 def _sweep(folder: Path) -> None:
@@ -128,11 +156,10 @@ def _remove(path: Path) -> None:
         path.unlink(missing_ok=True)
 
 
-def _empty_file(path: Path) -> tuple[Path, int]:
-    handle, name = tempfile.mkstemp(UNFINISHED, f".{path.name}.", path.parent)
-    return Path(name), handle
+def _empty_file(path: Path) -> int:
+    return os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o666)  # less the umask, as for any file
 
 
-def _empty_folder(path: Path) -> tuple[Path, int]:
-    name = tempfile.mkdtemp(UNFINISHED, f".{path.name}.", path.parent)
-    return Path(name), os.open(name, os.O_RDONLY)
+def _empty_folder(path: Path) -> int:
+    path.mkdir()
+    return os.open(path, os.O_RDONLY)

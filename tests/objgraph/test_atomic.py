@@ -63,6 +63,82 @@ def test_asking_whether_a_place_can_be_written_changes_nothing(tmp_path):
     assert tmp_path.stat().st_mtime_ns == before
 
 
+@pytest.fixture
+def umask_077():
+    before = os.umask(0o077)
+    yield
+    os.umask(before)
+
+
+def mode(path: Path) -> int:
+    return path.stat().st_mode & 0o777
+
+
+@pytest.mark.usefixtures("umask_077")
+def test_what_is_new_has_the_process_s_mode_and_what_replaces_the_old_one_s(tmp_path):
+    write_file(tmp_path / "new", b"")
+    write_folder(tmp_path / "folder", lambda folder: None)
+    assert (mode(tmp_path / "new"), mode(tmp_path / "folder")) == (0o600, 0o700)
+    for due in (0o640, 0o444):
+        (tmp_path / "new").chmod(due)
+        with new_file(tmp_path / "new") as unfinished:
+            assert mode(unfinished) == 0o600  # nobody reads what is half done
+        assert mode(tmp_path / "new") == due
+    (tmp_path / "folder").chmod(0o755)
+    write_folder(tmp_path / "folder", lambda folder: None)
+    assert mode(tmp_path / "folder") == 0o755
+
+
+@pytest.mark.parametrize("there", [True, False])
+def test_what_a_link_leads_to_is_written_and_the_link_stays(tmp_path, there):
+    target, link = tmp_path / "disk" / "target", tmp_path / "link"
+    if there:
+        target.parent.mkdir()
+        target.write_bytes(b"old")
+    link.symlink_to(target)
+    check_place(link)
+    write_file(link, b"new")
+    assert link.is_symlink()
+    assert target.read_bytes() == b"new"
+    folder = tmp_path / "masks"
+    folder.symlink_to(tmp_path / "big" / "masks")
+    if there:
+        folder.resolve().mkdir(parents=True)
+    assert write_folder(folder, lambda unfinished: (unfinished / "a").touch()) == folder
+    assert folder.is_symlink()
+    assert names(folder) == ["a"]
+    assert names(tmp_path / "big") == ["masks"]
+
+
+def test_below_a_link_that_leads_nowhere_folders_are_made_where_it_leads(tmp_path):
+    (tmp_path / "link").symlink_to(tmp_path / "nowhere")
+    check_place(tmp_path / "link" / "a.txt")
+    write_file(tmp_path / "link" / "a.txt", b"a")
+    assert (tmp_path / "nowhere" / "a.txt").read_bytes() == b"a"
+
+
+@pytest.mark.parametrize("letter", ["a", "\N{GREEK SMALL LETTER PI}"])
+def test_a_name_may_be_as_long_as_the_file_system_lets_it(tmp_path, letter):
+    path = tmp_path / (letter * (255 // len(letter.encode())))
+    check_place(path)
+    write_file(path, b"a")
+    path.unlink()
+    write_folder(path, lambda folder: None)
+    assert path.is_dir()
+
+
+def test_a_folder_that_cannot_be_replaced_is_told_before_the_work(tmp_path, monkeypatch):
+    def work(path: Path) -> None:
+        raise AssertionError("the work was done")
+
+    monkeypatch.chdir(tmp_path)
+    for place in (Path("."), tmp_path):
+        with pytest.raises(DatasetError, match="the folder one is in; name a new one"):
+            write_folder(place, work)
+    with pytest.raises(OutputError, match="Is a directory"), new_file(tmp_path) as unfinished:
+        work(unfinished)
+
+
 def test_the_next_write_removes_what_a_kill_left_and_nothing_else(tmp_path):
     (tmp_path / ".mine.tmp").touch()
 
