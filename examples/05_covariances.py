@@ -29,7 +29,11 @@ class Arguments:
 
 def main(arguments: Arguments) -> None:
     scan, console = objgraph.load_scan("sample", Path("out/sample")), Console()
-    category = next(each.category for each in scan.instances if each.id == arguments.object)
+    categories = {each.id: each.category for each in scan.instances}
+    if arguments.object not in categories:
+        there = ", ".join(f"{id} ({category})" for id, category in categories.items())
+        raise SystemExit(f"--object {arguments.object}: the sample has {there}")
+    category = categories[arguments.object]
     prior = objgraph.prior_for(category)
     best = objgraph.observation.summarize(scan.frames).select(arguments.object, arguments.views)
     frames = [scan.frames[i] for i in best]
@@ -58,7 +62,7 @@ def main(arguments: Arguments) -> None:
         # In the world's axes, and as the paper has it: [t, phi, s].
         R_world_object = state.T_world_object.rotation()
         console.print(objgraph.covariance.in_world(covariance, R_world_object).block("translation").table())
-        xi = objgraph.covariance.of_xi(covariance, state)  # 9 axes
+        xi = objgraph.covariance.of_xi(covariance, state)  # these 9 axes, then the code's 64
 
         # The box as a 9-DoF pose: by the same marginals, which are too sure, and calibrated, with a verdict, as a map has it.
         box = objgraph.covariance.box_pose(prior, state, covariance)

@@ -179,3 +179,17 @@ def test_the_tour_runs(tmp_path: Path, monkeypatch):
     assert found["marginals"].matrix.shape == (73, 73)
     assert np.linalg.norm(found["after"]) < np.linalg.norm(found["before"])
     assert len(found["ranked"]) == 60
+
+
+def test_an_object_that_the_sample_does_not_have_is_told_with_those_that_it_has(tmp_path):
+    command = [
+        sys.executable,
+        REPOSITORY / "examples" / "05_covariances.py",
+        "--out",
+        "out",
+        "--object",
+        "99",
+    ]
+    ended = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
+    assert ended.returncode == 1
+    assert ended.stderr.startswith("--object 99: the sample has 1 (table), 2 (chair)")

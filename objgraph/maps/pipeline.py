@@ -116,11 +116,12 @@ def map_scan(
         ObservationError: the scan has no frame, or one that is none.
         PriorError: one of the files of `config.priors` is no prior.
         CovarianceError: `config.calibration` is no calibration.
-        ConfigError: `jobs` is not positive, or one cannot `watch` so many.
+        ConfigError: `jobs` is not positive, there is no such engine, or one cannot `watch` so many.
         ProcessError: there is no Ray cluster.
     """
     config = checks.settings_or_default(config, MappingConfig, ConfigError)
     jobs = checks.whole("jobs", jobs, checks.Range(1), ConfigError)
+    Workers(jobs, engine)  # an engine that is none is told before the frames are read
     if watch is not None and (jobs > 1 or engine != "local"):
         raise ConfigError("a watched map is made in one process: jobs=1")
     checks.instance("scan", scan, Scan, ObservationError)

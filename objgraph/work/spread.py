@@ -4,7 +4,8 @@ from collections.abc import Callable, Generator, Iterable
 from dataclasses import dataclass
 from typing import Literal, TypeVar
 
-from objgraph.errors import ProcessError
+from factors import checks
+from objgraph.errors import ConfigError, ProcessError
 from objgraph.work.processes import spread_over_processes
 from objgraph.work.ray_cluster import spread_by_ray
 from objgraph.work.worker import threads
@@ -21,6 +22,10 @@ class Workers:
     jobs: int = 1
     """Processes; of a Ray cluster that runs already its own CPUs count."""
     engine: Engine = "local"
+
+    def __post_init__(self) -> None:
+        """Raises ConfigError where `jobs` is no positive whole number, or there is no such engine."""
+        checks.settings(self, ConfigError, jobs=checks.Range(1))
 
     @property
     def is_here(self) -> bool:

@@ -200,6 +200,15 @@ def test_processes_are_some_and_cannot_be_watched(more):
         map_scan(toy_scan(), CONFIG, **more)
 
 
+@pytest.mark.parametrize("more", [{}, {"watch": print}])
+def test_an_engine_that_is_none_is_told_before_the_frames_are_read(more):
+    def read(*what: object) -> None:
+        raise AssertionError("the frames were read")
+
+    with pytest.raises(ConfigError, match="one of local, ray, not 'dask'"):
+        map_scan(toy_scan(), CONFIG, read, engine="dask", **more)  # pyright: ignore[reportArgumentType]
+
+
 def test_a_map_is_saved_and_read_again(toy_map, tmp_path):
     toy_map.save(tmp_path / "map")
     again = ObjectMap.load(tmp_path / "map")

@@ -10,7 +10,7 @@ from multiprocessing import active_children, get_context
 import pytest
 import torch
 
-from objgraph.errors import PriorError, ProcessError
+from objgraph.errors import ConfigError, PriorError, ProcessError
 from objgraph.work import Workers, process_pool, spread
 
 
@@ -135,3 +135,17 @@ def test_a_pool_that_is_stopped_ends_its_own_processes_alone(end):
     own.kill()
     own.join()
     assert not active_children()
+
+
+@pytest.mark.parametrize(
+    ("more", "words"),
+    [
+        ((1, "Ray"), "Workers.engine must be one of local, ray, not 'Ray'"),
+        ((2, None), "Workers.engine must be one of local, ray"),
+        ((0,), "Workers.jobs must be at least 1"),
+        (("2",), "Workers.jobs must be a whole number"),
+    ],
+)
+def test_workers_that_are_none_are_told(more, words):
+    with pytest.raises(ConfigError, match=words):
+        Workers(*more)
