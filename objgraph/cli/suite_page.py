@@ -9,6 +9,7 @@ from objgraph.bench.comparison.running.store import write_text
 from objgraph.bench.comparison.writing.behind import FIGURES_OF_ROWS, behind_table
 from objgraph.bench.comparison.writing.glance import glance_tables
 from objgraph.bench.comparison.writing.grid import Grid
+from objgraph.bench.comparison.writing.older import renamed
 from objgraph.checked import check_fields, parse_json
 from objgraph.cli.evaluate_command import FIGURES
 from objgraph.cli.suite_parts import Part, Suite, parts
@@ -93,7 +94,7 @@ def _document(path: Path) -> dict[str, Any] | None:
             check_fields(row, FIGURES_OF_ROWS)
         for table in document["tables"]:
             Grid.of(table)
-        return document
+        return renamed(document)
     except FileNotFoundError:
         return None
     except (OSError, KeyError, TypeError, ValueError) as error:

@@ -11,7 +11,7 @@ _OWN = "start@own,start-7dof@own,graph@own,graph-bare@own,ours@own,dsp-slam@own,
 _EFFECTS = (
     "ours,ours-released,ours+code-weight,ours+clipping,ours+depth-variance,ours+band,ours+world-scale,"
     "ours+first-view-depths,ours-det2d,ours-det2d-released,ours-det2d+squared,dsp-slam-gn,dsp-slam-gn-released,"
-    "dsp-slam-gn+damping,dsp-slam-gn+huber,dsp-slam-gn+iterations,dsp-slam-gn+7dof,dsp-slam-gn+one-view"
+    "dsp-slam-gn-undamped,dsp-slam-gn-undamped+damping,dsp-slam-gn-undamped+huber,dsp-slam-gn+iterations,dsp-slam-gn+7dof,dsp-slam-gn+one-view"
 )
 _RATES = ("Rates with", "Medians", "Table II")
 

@@ -1,4 +1,4 @@
-"""DSP-SLAM's Gauss-Newton on squared distances and depth errors, with three scales instead of one.
+"""DSP-SLAM's Gauss-Newton on squared distances and depth errors, or Huber's of them, with three scales instead of one.
 
 Wang, Runz, Agapito, "DSP-SLAM: Object Oriented SLAM with Deep Shape Priors", 3DV 2021, section 4.3; weights and
 iterations as given there.

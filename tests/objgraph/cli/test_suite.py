@@ -244,6 +244,37 @@ def test_a_glance_has_each_method_as_its_users_run_it():
     assert "most views" in of_boxes.caption
 
 
+def gauss_newton(damping: float | None) -> dict:
+    """A document of the graph and of a Gauss-Newton of that damping; None as before there was any."""
+    config = {"iterations": 20} | ({} if damping is None else {"damping": damping})
+    entry = {"category": "chair", "views": 3, "n": 7, "pose_rate": 0.5, "median_chamfer_m": 0.02}
+    names = ("graph", "dsp-slam-gn@own", "dsp-slam-gn+iterations", "dsp-slam-gn-released")
+    cells = [[{"text": name, "value": None, "rank": 0, "faint": False}] for name in names]
+    return {
+        **document(command="objgraph evaluate --methods graph,dsp-slam-gn@own"),
+        "methods": {"dsp-slam-gn@own": {"estimator": {"class": "GaussNewtonEstimator", "config": config}}},
+        "rows": [{**entry, "contender": name, "method": name.partition("@")[0]} for name in names],
+        "tables": [{"title": "Rates with", "header": ["Methods"], "sections": [cells], "caption": "", "words": 1}],
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize("damping", [None, 0.0, 1.0])
+def test_rows_of_the_undamped_method_are_not_read_as_the_damped_ones(tmp_path, damping):
+    """Before it was damped it had the name that the damped one has."""
+    put(tmp_path, "hard-families", gauss_newton(damping))
+    page = render("docs", tmp_path, tmp_path / "docs").read_text()
+    own = part_page(tmp_path / "docs", "hard-families")
+    suffix = "" if damping else "-undamped"
+    assert f"| dsp-slam-gn{suffix}@own |" in own
+    assert f"| dsp-slam-gn{suffix}+iterations |" in own
+    assert "| dsp-slam-gn-released |" in own
+    assert "--methods graph,dsp-slam-gn@own\n" in own  # as it was typed
+    # nothing else is there that a glance could set the graph against
+    assert ("| Hard: the benchmark's own families, chair | 7 |" in page) == bool(damping)
+    # what is kept is read once more without another change
+    assert render("docs", tmp_path / "none", tmp_path / "docs").read_text() == page
+
+
 def test_mistakes_are_told(tmp_path):
     with pytest.raises(EvaluationError, match="nothing of the suite"):
         render("docs", tmp_path, tmp_path)

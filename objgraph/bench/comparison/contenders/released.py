@@ -35,14 +35,15 @@ RELEASED_OURS: dict[str, Change] = {
 """From `ours`."""
 RELEASED_DET2D: dict[str, Change] = {"squared": _render(Deterministic(squared_up_to=0.3))}
 """From `ours-det2d`, in place of the depth's variance."""
+STEADY_GN: dict[str, Change] = {"damping": _set(damping=1.0), "huber": _set(huber=0.05)}
+"""From `dsp-slam-gn-undamped` to `dsp-slam-gn`. How strongly DSP-SLAM damps and where its Huber weights begin is not known here; the
+numbers are ours."""
 RELEASED_GN: dict[str, Change] = {
-    "damping": _set(damping=1.0),
-    "huber": _set(huber=0.05),
     "iterations": _set(iterations=10),
     "7dof": _set(one_scale=True),
     "one-view": _set(one_view=True),
 }
-"""From `dsp-slam-gn`. How strongly DSP-SLAM damps and where its Huber weights begin is not known here; the numbers are ours."""
+"""From `dsp-slam-gn`."""
 
 
 def changed(estimator: Estimator, changes: Iterable[Change]) -> Estimator:
