@@ -50,7 +50,7 @@ class FaultRanges:
     sensor: Range = (1.0, 1.5)
     """Factor on the sensor model's noise, steps and lost edges (Nguyen et al. 2012)."""
     flying: Range = (0.0, 0.2)
-    """Share of the pixels at depth edges that lie between what is before and what is behind (Sarbolandi et al.)."""
+    """Share of the pixels with depth at edges of the true depth that lie between what is before and what is behind (Sarbolandi et al.)."""
     holes: Range = (0.0, 0.1)
     """Share of the object's surface that is dark or shiny and gives no depth (Sarbolandi et al.)."""
     fusion_px: Range = (0.0, 1.5)

@@ -50,7 +50,7 @@ def faulty_depth(
     sensor: SensorConfig,
     rng: Generator,
 ) -> Float[np.ndarray, "h w"]:
-    """Measured z-depth, 0 where there is none; `dark` gives none."""
+    """Measured z-depth, metres, 0 where there is none; `dark` gives none, and what the sensor loses does not fly."""
     smooth = _fused(depth, pixels(faults.fusion_px, depth.shape[1]))
     strong = replace(
         sensor,
@@ -61,8 +61,12 @@ def faulty_depth(
         edge_dropout=min(1.0, sensor.edge_dropout * faults.sensor),
     )
     measured = sense_depth(smooth, incidence, strong, rng)
-    front, behind = ndimage.minimum_filter(measured, 3), ndimage.maximum_filter(measured, 3)
-    edge = (front > 0) & (behind - front > sensor.edge_jump_m)
+    # before the sensor: its noise would make edges, and what it loses would hide them
+    near, far = sensor.range_m
+    there = (smooth >= near) & (smooth <= far)
+    front = ndimage.minimum_filter(np.where(there, smooth, far), 3)
+    behind = ndimage.maximum_filter(np.where(there, smooth, 0.0), 3)
+    edge = (measured > 0) & (behind - front > sensor.edge_jump_m)
     flying = edge & (rng.random(depth.shape) < faults.flying)
     measured = np.where(flying, front + rng.random(depth.shape) * (behind - front), measured)
     return np.where(dark, 0.0, measured)

@@ -113,6 +113,26 @@ def test_flying_pixels_lie_between_and_dark_ones_have_no_depth():
     assert (seen[30:, 162:] == 3.0).all()
 
 
+@pytest.mark.parametrize("strength", [1.0, 2.0])
+def test_as_many_pixels_fly_as_asked_and_none_away_from_edges(strength):
+    """With the sensor that scans have: neither its noise nor the edges that it loses are taken for edges or hide them."""
+    depth = np.full((240, 320), 3.0)
+    depth[60:180, 100:220] = 2.2
+    depth[:, 300:] = 0.0
+    still = dataclasses.replace(NONE, sensor=strength)
+    a, b = (
+        faulty_depth(depth, 0 * depth, depth < 0, faults, SensorConfig(), np.random.default_rng(3))
+        for faults in (dataclasses.replace(still, flying=0.4), still)
+    )
+    edge = ndimage.maximum_filter(depth[:, :299], 3) - ndimage.minimum_filter(depth[:, :299], 3) > 0.5
+    edge = np.pad(edge, ((0, 0), (0, 21)))
+    flying = a != b
+    assert flying[edge & (b > 0)].mean() == pytest.approx(0.4, abs=0.05)
+    assert not flying[~edge].any()
+    assert not a[b == 0].any()
+    assert ((a[flying] >= 2.2) & (a[flying] <= 3.0)).all()
+
+
 def test_fusion_smooths_surfaces_and_keeps_steps():
     rng = np.random.default_rng(0)
     depth = 2.0 + 0.01 * rng.normal(size=(120, 160))
