@@ -42,7 +42,7 @@ class FaultRanges:
     mask_border_px: Range = (2.0, 4.0)
     """Root mean square of the displacement of masks' borders (Boundary IoU: what masks of networks are worst at)."""
     mask_thin_px: Range = (0.0, 3.0)
-    """Parts thinner than this are missing from masks, as legs are (PointRend: masks are upsampled from 28 x 28 cells)."""
+    """Parts that no disc of this width fits in are missing from masks, as legs are (PointRend: masks are upsampled from 28 x 28 cells)."""
     mask_part: Range = (0.0, 0.1)
     """Share of a mask that is missing, or as much taken from what is beside it; in every view another part."""
     merged: float = 0.05

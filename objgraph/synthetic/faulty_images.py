@@ -31,12 +31,7 @@ def faulty_masks(
     else:
         beside = ndimage.binary_dilation(masks == target, iterations=max(1, round(pixels(40, width))))
         masks[_grown(masks == target, beside, faults.mask_part, rng)] = target
-    radius = round(pixels(faults.mask_thin_px, width) / 2)
-    if radius > 0:
-        kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * radius + 1, 2 * radius + 1))
-        for number in np.unique(masks[masks > 0]):
-            mask = (masks == number).astype(np.uint8)
-            masks[(mask > 0) & (cv2.morphologyEx(mask, cv2.MORPH_OPEN, kernel) == 0)] = 0
+    masks = _without_thin(masks, pixels(faults.mask_thin_px, width))
     # along rows and columns together it is what the fault says
     border = SensorConfig(mask_px=pixels(faults.mask_border_px, width) / np.sqrt(2))
     return sense_masks(masks, border, rng, pixels(_BORDER_PX, width))
@@ -70,6 +65,29 @@ def faulty_depth(
     flying = edge & (rng.random(depth.shape) < faults.flying)
     measured = np.where(flying, front + rng.random(depth.shape) * (behind - front), measured)
     return np.where(dark, 0.0, measured)
+
+
+def _without_thin(masks: Int[np.ndarray, "h w"], width: float) -> Int[np.ndarray, "h w"]:
+    """Of every mask what discs within it cover that are `width` pixels wide, any number; no mask ends where the picture does."""
+    reach = int(np.ceil(width)) + 1
+    wide = np.pad(masks, reach, mode="edge")
+    kept = np.zeros_like(wide)
+    for number, at in enumerate(ndimage.find_objects(wide), 1):
+        if at is not None:
+            kept[at][_opened(wide[at] == number, width)] = number
+    return kept[reach:-reach, reach:-reach]
+
+
+def _opened(mask: Bool[np.ndarray, "h w"], width: float) -> Bool[np.ndarray, "h w"]:
+    """What discs of a diameter in pixels cover that lie within a mask."""
+    # pixels' middles, edges and corners: a strip of any number of pixels has a middle line among them
+    halves = np.pad(np.repeat(np.repeat(mask, 2, axis=0), 2, axis=1), 1)
+    inside = halves[1:, 1:] & halves[1:, :-1] & halves[:-1, 1:] & halves[:-1, :-1]
+    middles = ndimage.distance_transform_edt(inside) >= width
+    if not middles.any():
+        return np.zeros_like(mask)
+    covered = ndimage.distance_transform_edt(~middles) <= width
+    return mask & covered[1::2, 1::2]
 
 
 def _touching(masks: Int[np.ndarray, "h w"], target: int) -> int:

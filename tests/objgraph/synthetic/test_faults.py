@@ -59,6 +59,24 @@ def test_thin_parts_are_missing_and_thick_ones_stay():
     assert (masked(mask_thin_px=2.0)[125:175, 86] == 1).all()
 
 
+@pytest.mark.parametrize("width", [1.0, 1.9, 2.1, 3.0, 3.9, 4.1, 5.9, 6.1, 8.0, 8.1])
+def test_what_is_thinner_than_asked_is_missing_and_nothing_else(width):
+    """Bars of 1 to 4 pixels, upright and level, which are 2 to 8 of an image 640 wide; also at the picture's border."""
+    masks = np.zeros((240, 320), dtype=int)
+    for pixels_wide in (1, 2, 3, 4):
+        masks[40:200, 30 * pixels_wide : 31 * pixels_wide] = pixels_wide
+        masks[30 * pixels_wide : 31 * pixels_wide, 200:] = 4 + pixels_wide
+    faults = dataclasses.replace(NONE, mask_thin_px=width)
+    seen = faulty_masks(masks, 1, faults, np.random.default_rng(0))
+    for pixels_wide in (1, 2, 3, 4):
+        stays = 2 * pixels_wide >= width
+        for bar in (pixels_wide, 4 + pixels_wide):
+            assert (seen == bar).sum() >= 0.97 * stays * (masks == bar).sum()
+            assert stays or not (seen == bar).any()
+        # where the picture ends no bar does
+        assert (seen[30 * pixels_wide : 31 * pixels_wide, -1] == 4 + pixels_wide).all() == stays
+
+
 def test_two_that_touch_become_one_mask():
     masks = masked(merged=True)
     assert (masks[60:120, 60:180] == 1).all()
