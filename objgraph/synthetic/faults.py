@@ -40,7 +40,8 @@ class FaultRanges:
     walk_m: Range = (0.2, 0.5)
     """From one view to the next, walking past."""
     mask_border_px: Range = (2.0, 4.0)
-    """Root mean square of the displacement of masks' borders (Boundary IoU: what masks of networks are worst at)."""
+    """Root mean square length of the displacement of masks' pixels, over both axes: a border moves across itself by 0.71 of it
+    (Boundary IoU: what masks of networks are worst at)."""
     mask_thin_px: Range = (0.0, 3.0)
     """Parts that no disc of this width fits in are missing from masks, as legs are (PointRend: masks are upsampled from 28 x 28 cells)."""
     mask_part: Range = (0.0, 0.1)

@@ -32,7 +32,7 @@ def faulty_masks(
         beside = ndimage.binary_dilation(masks == target, iterations=max(1, round(pixels(40, width))))
         masks[_grown(masks == target, beside, faults.mask_part, rng)] = target
     masks = _without_thin(masks, pixels(faults.mask_thin_px, width))
-    # along rows and columns together it is what the fault says
+    # rows and columns together are what the fault says: across itself a border moves by 0.71 of it
     border = SensorConfig(mask_px=pixels(faults.mask_border_px, width) / np.sqrt(2))
     return sense_masks(masks, border, rng, pixels(_BORDER_PX, width))
 

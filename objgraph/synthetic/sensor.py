@@ -33,7 +33,8 @@ class SensorConfig:
     range_m: tuple[float, float] = (0.4, 6.0)
     """Nearest and farthest depth that is measured."""
     mask_px: float = 0.5
-    """Standard deviation of the displacement of the masks' borders, in pixels."""
+    """Standard deviation of the displacement of the masks' borders along each axis, in pixels of the image itself, before it is
+    rounded to whole ones."""
     edge_jump_m: float = 0.05
     """A pixel lies at a depth edge where its 3x3 neighbourhood spans more than this."""
 
@@ -62,7 +63,7 @@ def sense_masks(
     rng: np.random.Generator,
     correlation_px: float = 2.5,
 ) -> Int[np.ndarray, "h w"]:
-    """The masks with their borders moved, alike over `correlation_px` of the border, by about `config.mask_px`."""
+    """The masks with their borders moved, alike over `correlation_px` of the border, by about `config.mask_px` along either axis."""
     shift = np.stack([config.mask_px * _noise(instances.shape, correlation_px, rng) for _ in range(2)])
     return _displace(instances, shift)
 

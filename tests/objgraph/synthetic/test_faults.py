@@ -20,7 +20,7 @@ from objgraph.synthetic.faults import EVERYDAY, HARD, FaultRanges, Faults, fault
 from objgraph.synthetic.faulty_images import faulty_depth, faulty_masks
 from objgraph.synthetic.photograph import MEASURED
 from objgraph.synthetic.scene import stand
-from objgraph.synthetic.sensor import SensorConfig
+from objgraph.synthetic.sensor import SensorConfig, sense_masks
 from tests.conftest import REPOSITORY
 
 NONE = Faults(
@@ -114,6 +114,26 @@ def test_borders_are_as_wrong_as_they_say(strength):
         off += [away[190:, column][wrong[190:, column]].max(initial=0) for column in range(80, 240)]
     # one axis of the displacement
     assert np.sqrt(np.mean(np.square(off))) == pytest.approx(strength / 2 / np.sqrt(2), rel=0.3, abs=0.3)
+
+
+@pytest.mark.parametrize(("strength", "moved"), [(None, 1.1), (2.0, 1.5), (4.0, 2.8), (8.0, 5.6)])
+def test_an_upright_border_moves_as_the_documentation_says(strength, moved):
+    """In pixels of an image 640 wide, of which one here is two; None is the clean scan."""
+    half = np.zeros((240, 320), dtype=int)
+    half[:, 160:] = 1
+    off = []
+    for seed in range(40):
+        rng = np.random.default_rng(seed)
+        seen = (
+            sense_masks(half, SensorConfig(), rng)
+            if strength is None
+            else faulty_masks(half, 1, dataclasses.replace(NONE, mask_border_px=strength), rng)
+        )
+        off.append(2.0 * (seen.argmax(axis=1) - 160))
+    assert np.sqrt(np.mean(np.square(off))) == pytest.approx(moved, rel=0.05)
+    page = (REPOSITORY / "docs" / "reference" / "benchmark.md").read_text()
+    assert "move by 1.1 pixels" in page
+    assert "1.5 and 2.8 pixels at 2 and 4, 5.6 at 8" in page
 
 
 def test_flying_pixels_lie_between_and_dark_ones_have_no_depth():
