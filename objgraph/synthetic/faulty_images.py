@@ -83,10 +83,10 @@ def _opened(mask: Bool[np.ndarray, "h w"], width: float) -> Bool[np.ndarray, "h 
     # pixels' middles, edges and corners: a strip of any number of pixels has a middle line among them
     halves = np.pad(np.repeat(np.repeat(mask, 2, axis=0), 2, axis=1), 1)
     inside = halves[1:, 1:] & halves[1:, :-1] & halves[:-1, 1:] & halves[:-1, :-1]
-    middles = ndimage.distance_transform_edt(inside) >= width
+    middles = np.asarray(ndimage.distance_transform_edt(inside)) >= width
     if not middles.any():
         return np.zeros_like(mask)
-    covered = ndimage.distance_transform_edt(~middles) <= width
+    covered = np.asarray(ndimage.distance_transform_edt(~middles)) <= width
     return mask & covered[1::2, 1::2]
 
 
