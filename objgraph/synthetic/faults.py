@@ -53,7 +53,7 @@ class FaultRanges:
     flying: Range = (0.0, 0.2)
     """Share of the pixels with depth at edges of the true depth that lie between what is before and what is behind (Sarbolandi et al.)."""
     holes: Range = (0.0, 0.1)
-    """Share of the object's surface that is dark or shiny and gives no depth (Sarbolandi et al.)."""
+    """Share of the object's surface, of what is seen from outside, that is dark or shiny and gives no depth (Sarbolandi et al.)."""
     fusion_px: Range = (0.0, 1.5)
     """Standard deviation over which depth is smoothed, as by fusion into voxels of centimetres (BundleFusion)."""
     camera_m: Range = (0.0, 0.01)

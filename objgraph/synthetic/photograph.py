@@ -4,11 +4,13 @@ from dataclasses import dataclass
 
 import gtsam
 import numpy as np
+import trimesh
 from jaxtyping import Bool, Float
 from numpy.random import Generator
-from scipy.spatial import cKDTree
+from scipy.spatial.distance import cdist
 
 from objgraph.geometry.frames import transformed
+from objgraph.geometry.raycaster import seen_from_outside
 from objgraph.observation.frames import Frame
 from objgraph.synthetic.camera import CameraConfig, Pose, camera_matrix, intrinsics
 from objgraph.synthetic.faults import Faults, unit
@@ -42,27 +44,38 @@ class DarkPlaces:
     """Where a surface gives no depth: the same in every view."""
 
     p_world: Float[np.ndarray, "n 3"]
+    """Middles of the spots."""
+    radius: Float[np.ndarray, "n"]
+    """Of each, metres."""
 
     def hide(self, p_world: Float[np.ndarray, "m 3"]) -> Bool[np.ndarray, "m"]:
         """Which of some points."""
-        if not len(self.p_world):
-            return np.zeros(len(p_world), dtype=bool)
-        return cKDTree(self.p_world).query(p_world, distance_upper_bound=_SPOT_M)[0] < _SPOT_M
+        return np.any(cdist(p_world, self.p_world) < self.radius, axis=1)
 
 
 def dark_places(surface: Float[np.ndarray, "f 3 3"], share: float, rng: Generator) -> DarkPlaces:
-    """Spots on an object, given by its triangles in the world, that cover about a share of its surface."""
+    """Spots on an object, given by its triangles in the world, that cover a share of what is seen of its surface from outside.
+
+    The last one is as small as that takes.
+    """
     edges = surface[:, 1:] - surface[:, :1]
     area = 0.5 * np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1)
-    faces = rng.choice(len(surface), 2000, p=area / area.sum())
-    weights = rng.dirichlet([1.0, 1.0, 1.0], 2000)
+    # so many that a spot on a sofa holds twenty: its middle, which is one of them, counts little
+    faces = rng.choice(len(surface), 20_000, p=area / area.sum())
+    weights = rng.dirichlet([1.0, 1.0, 1.0], 20_000)
     points = (weights[:, None] @ surface[faces])[:, 0]
+    solid = trimesh.Trimesh(surface.reshape(-1, 3), np.arange(3 * len(surface)).reshape(-1, 3), process=False)
+    left = points[seen_from_outside([solid], points)]
+    wanted = round(share * len(left))
     middles: list[np.ndarray] = []
-    left = np.ones(len(points), dtype=bool)
-    while left.mean() > 1 - share:
-        middles.append(points[rng.choice(np.flatnonzero(left))])
-        left &= np.linalg.norm(points - middles[-1], axis=1) > _SPOT_M
-    return DarkPlaces(np.reshape(middles, (-1, 3)))
+    radii: list[float] = []
+    while wanted > 0:
+        middles.append(left[rng.integers(len(left))])
+        away = np.linalg.norm(left - middles[-1], axis=1)
+        radii.append(min(_SPOT_M, float(np.sort(away)[wanted])) if wanted < len(left) else _SPOT_M)
+        hidden = away < radii[-1]
+        left, wanted = left[~hidden], wanted - int(hidden.sum())
+    return DarkPlaces(np.reshape(middles, (-1, 3)), np.array(radii))
 
 
 def photograph(

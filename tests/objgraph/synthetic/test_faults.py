@@ -18,7 +18,7 @@ from objgraph.datasets.ground_truth import AnnotatedScan
 from objgraph.errors import DatasetError
 from objgraph.synthetic.faults import EVERYDAY, HARD, FaultRanges, Faults, faults_from, ranges_of
 from objgraph.synthetic.faulty_images import faulty_depth, faulty_masks
-from objgraph.synthetic.photograph import MEASURED
+from objgraph.synthetic.photograph import MEASURED, dark_places
 from objgraph.synthetic.scene import stand
 from objgraph.synthetic.sensor import SensorConfig, sense_masks
 from tests.conftest import REPOSITORY
@@ -169,6 +169,33 @@ def test_as_many_pixels_fly_as_asked_and_none_away_from_edges(strength):
     assert not flying[~edge].any()
     assert not a[b == 0].any()
     assert ((a[flying] >= 2.2) & (a[flying] <= 3.0)).all()
+
+
+@given(st.integers(0, 10**6), st.floats(0.0, 0.3))
+def test_dark_places_cover_the_share_that_is_asked_of_what_is_seen(seed, share):
+    """Of a box of 30 cm, of which a spot of 10 cm radius is one part in twelve, with as large a surface hidden within."""
+    outer = trimesh.creation.box([0.3, 0.3, 0.5])
+    inner = trimesh.creation.box([0.28, 0.28, 0.48])
+    rng = np.random.default_rng(seed)
+    surface = np.concatenate([outer.triangles, inner.triangles])
+    dark = dark_places(np.asarray(surface), share, rng)
+    points = np.asarray(trimesh.sample.sample_surface(outer, 4000, seed=1)[0])
+    assert dark.hide(points).mean() == pytest.approx(share, abs=0.05)
+    # every spot is on what is seen
+    assert (np.abs(np.abs(dark.p_world) / [0.15, 0.15, 0.25]).max(axis=1, initial=0) > 0.999).all()
+    assert ((dark.radius > 0) & (dark.radius <= 0.1)).all()
+    assert (dark.radius[:-1] == 0.1).all()
+
+
+def test_the_mean_share_of_dark_places_is_the_drawn_one():
+    box = trimesh.creation.box([0.3, 0.3, 0.5])
+    points = np.asarray(trimesh.sample.sample_surface(box, 2000, seed=1)[0])
+    rng = np.random.default_rng(0)
+    over = []
+    for _ in range(60):
+        share = rng.uniform(0.0, 0.15)
+        over.append(dark_places(np.asarray(box.triangles), share, rng).hide(points).mean() - share)
+    assert np.mean(over) == pytest.approx(0, abs=0.005)
 
 
 def test_fusion_smooths_surfaces_and_keeps_steps():
