@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2, norm
 
-from objgraph.bench.comparison.objects.calibration import ALL, FUSED, calibration, squared_errors, with_fused
+from objgraph.bench.comparison.objects.calibration import ALL, FUSED, calibration, holding_levels, with_fused
 from objgraph.bench.comparison.objects.plots import reliability_plot
 from objgraph.bench.comparison.objects.rows import ObjectRow
 from objgraph.bench.comparison.objects.tables import calibration_tables
@@ -106,7 +106,15 @@ def test_failures_and_wrong_modes_are_not_covered_and_not_in_the_nees():
     assert entry["wrong_modes"] == 0.25
     assert entry["nees_per_dof"] == alone["nees_per_dof"]
     assert entry["coverage95"] == pytest.approx(alone["coverage95"] * 6 / 8)
-    assert len(squared_errors([*good, turned, failed])) == 6
+    assert len(holding_levels([*good, turned, failed])) == 6
+
+
+def test_what_has_no_heading_is_held_by_ellipsoids_of_its_own_dimensions():
+    """Levels are even where covariances hold, also of round objects, which have eight degrees of freedom."""
+    for symmetry in (1, 0):
+        rows = [replace(row, truth_symmetry=symmetry) for row in rows_of()]
+        levels = np.sort(holding_levels(rows))
+        assert np.abs(levels - (np.arange(N) + 0.5) / N).max() < 0.04
 
 
 def test_entries_tables_and_plot_have_every_method_and_number_of_views(tmp_path):

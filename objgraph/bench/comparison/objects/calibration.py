@@ -72,9 +72,10 @@ def calibration(
     return entries
 
 
-def squared_errors(rows: Sequence[ObjectRow]) -> Float[np.ndarray, "n"]:
-    """Squared Mahalanobis errors of the boxes of right modes."""
-    return np.array([box.squared for box in map(_box, rows) if box.right])
+def holding_levels(rows: Sequence[ObjectRow]) -> Float[np.ndarray, "n"]:
+    """Of right modes, each by its own degrees of freedom, the least probability whose ellipsoid holds the true box."""
+    boxes = [box for box in map(_box, rows) if box.right]
+    return chi2.cdf([box.squared for box in boxes], [box.dof for box in boxes])
 
 
 def _entry(

@@ -10,9 +10,9 @@ from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullLocator
-from scipy.stats import binomtest, chi2
+from scipy.stats import binomtest
 
-from objgraph.bench.comparison.objects.calibration import DOF, squared_errors
+from objgraph.bench.comparison.objects.calibration import holding_levels
 from objgraph.bench.comparison.objects.rows import STARTS, ObjectRow, method_and_start
 from objgraph.bench.comparison.writing.report import Entry
 from objgraph.maps.colors import COLORS
@@ -240,12 +240,12 @@ def reliability_plot(rows: Sequence[ObjectRow], methods: Sequence[str], data: st
         axis.plot([0, 1], [0, 1], color="0.6", linestyle=":", linewidth=1)
         for i, method in enumerate(methods):
             chosen = [row for row in rows if (row.contender, row.views) == (method, count)]
-            squared = squared_errors(chosen)
-            if not len(squared):
+            levels = holding_levels(chosen)
+            if not len(levels):
                 continue
-            held = (squared[:, None] <= chi2.ppf(probabilities, DOF)).mean(axis=0)
+            held = (levels[:, None] <= probabilities).mean(axis=0)
             axis.plot(
-                probabilities, held, color=COLORS[i % len(COLORS)], label=f"{method}, n = {len(squared)}"
+                probabilities, held, color=COLORS[i % len(COLORS)], label=f"{method}, n = {len(levels)}"
             )
             drawn = True
         axis.set_title(f"{count} view{'s' * (count > 1)}")
