@@ -220,6 +220,22 @@ def test_where_the_graph_is_behind_is_told_first(tmp_path):
     assert page.index("Where the graph is behind") < page.index("## Parts")
 
 
+def test_an_infinite_median_of_the_graph_is_behind():
+    """JSON has no infinity: the figure is missing and its interval is there."""
+    entry = {"category": "table", "views": 3, "n": 4}
+    lost = {"median_chamfer_m": None, "median_chamfer_m_interval": [0.05, None]}
+    unknown = {"median_rotation_deg": None, "median_rotation_deg_interval": None}
+    rows = [
+        {**entry, **lost, **unknown, "contender": "graph"},
+        {**entry, "contender": "ours", "median_chamfer_m": 0.05, "median_rotation_deg": 3.0},
+        {**entry, **lost, "contender": "node-slam"},
+    ]
+    text = behind_table({"Hard": {"rows": rows}}).markdown()
+    assert "| Hard, table, 3 views | Chamfer (cm) | ours | 5.0 | graph | ∞ | 4 |" in text
+    assert text.count("| Hard") == 1
+    assert "| Hard" not in behind_table({"Hard": {"rows": [rows[0], rows[2]]}}).markdown()
+
+
 def test_a_glance_has_each_method_as_its_users_run_it():
     entry = {"category": "chair", "views": 3, "n": 7, "pose_rate": 0.5, "median_chamfer_m": 0.02}
     rows = [

@@ -1,5 +1,6 @@
 """Where the graph is behind: every figure of a comparison at which another method is better."""
 
+import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -27,6 +28,7 @@ FIGURES_OF_ROWS: dict[str, Any] = {
     **dict.fromkeys(("contender", "method", "category", "quality"), str | None),
     **dict.fromkeys(("views", "n"), int | None),
     **{name: float | None for name, *_ in _FIGURES},
+    **{f"{name}_interval": list[Any] | None for name, *_ in _FIGURES},
 }
 """What is read of a comparison's rows."""
 
@@ -46,20 +48,27 @@ def behind_table(documents: Mapping[str, Mapping[str, Any]]) -> Grid:
                 if _name(e) in beaten and all(e.get(key) == value for key, value in of.items())
             ]
             for figure, words, factor, digits, better in _FIGURES:
-                known = [e for e in others if e.get(figure) is not None]
-                if own.get(figure) is None or not known:
+                known = [(value, e) for e in others if (value := _value(e, figure)) is not None]
+                if (mine := _value(own, figure)) is None or not known:
                     continue
-                best = max(known, key=lambda e: better * e[figure])
-                theirs, ours = (round(factor * e[figure], digits) for e in (best, own))
+                found, best = max(known, key=lambda pair: better * pair[0])
+                theirs, ours = (round(factor * value, digits) for value in (found, mine))
                 if better * (theirs - ours) > 0:
                     what = ", ".join(
                         [title, *(_words(key, value) for key, value in of.items() if value is not None)]
                     )
-                    texts = (what, words, _name(best), theirs, _name(own), ours, own.get("n") or "-")
+                    own_text = "∞" if math.isinf(ours) else ours
+                    texts = (what, words, _name(best), theirs, _name(own), own_text, own.get("n") or "-")
                     rows.append(tuple(Cell(str(text)) for text in texts))
     header = ("Where", "Figure", "Best", "its", "Graph", "its", "objects")
     caption = "Every rate and median, of all parts of this page, at which some method is better than the graph that begins where it does."
     return Grid("Where the graph is behind", header, (tuple(rows),), caption, words=3)
+
+
+def _value(entry: Mapping[str, Any], figure: str) -> float | None:
+    """A figure, infinite where it is not there and its interval is, as JSON has it; None where there is neither."""
+    value = entry.get(figure)
+    return math.inf if value is None and entry.get(f"{figure}_interval") is not None else value
 
 
 def _name(entry: Mapping[str, Any]) -> str:
