@@ -119,6 +119,8 @@ class Case:
         photographs = [world.photograph(*each) for each in taken]
         conditions = {
             **asdict(self.faults),
+            # those of one mask with a neighbour have one pushed against them
+            "pushed": self.faults.pushed or self.faults.merged,
             "visible": visible_shares(world.scene.room, cameras),
             **{name: [getattr(each, name) for each in photographs] for name in MEASURED},
         }

@@ -274,6 +274,15 @@ def test_a_scan_says_what_is_wrong_with_it(seen):
     assert recall.mean(axis=1).std() > 0.02
 
 
+def test_a_merged_objects_row_says_that_a_piece_is_pushed_against_it(seen):
+    case, _ = seen[0]
+    assert case.faults is not None
+    merged = dataclasses.replace(case, faults=dataclasses.replace(case.faults, pushed=False, merged=True))
+    apart = dataclasses.replace(case, faults=dataclasses.replace(case.faults, pushed=False, merged=False))
+    assert merged.scan().conditions["pushed"] is True
+    assert apart.scan().conditions["pushed"] is False
+
+
 def test_cameras_are_told_wrong_by_what_the_scan_says(seen):
     """The same case with cameras told right has the same pictures, and poses that differ by as much."""
     case, scan = seen[0]
