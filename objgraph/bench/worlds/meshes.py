@@ -31,7 +31,7 @@ class CadShape:
 
     path: Path
     diagonal_m: float | None = None
-    """Of the real thing, where that is known."""
+    """Of the real thing, where that is known: not a size typical of its kind."""
 
 
 def choose_shapes(
@@ -80,7 +80,10 @@ def _listed(folder: Path, category: str, shapes: ShapeSet) -> list[CadShape]:
     if (maker := {"cad": "people", "everyday": "generator"}.get(shapes)) is None:
         raise DatasetError(f"{folder}: its meshes are no {shapes}: say which, --shapes cad or everyday")
     return [
-        CadShape(folder / mesh.file, None if mesh.size is None else float(np.linalg.norm(mesh.size)))
+        CadShape(
+            folder / mesh.file,
+            None if mesh.size is None or mesh.typical else float(np.linalg.norm(mesh.size)),
+        )
         for mesh in meshes
         if mesh.maker == maker and mesh.group in held
     ]

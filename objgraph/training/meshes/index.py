@@ -37,6 +37,8 @@ class CadMesh:
     """Of a generator's meshes, which of its factories made them."""
     split: str = "train"
     """What the index itself says: the group of all but "train" is held out, that of "train" as `heldout_groups` draws."""
+    typical: bool = False
+    """Whether its size is that of its kind, not of the real thing."""
 
     @property
     def path(self) -> Path:
@@ -79,6 +81,7 @@ def _mesh(folder: Path, entry: dict[str, Any]) -> CadMesh:
         maker=entry.get("made_by", "people"),
         kind=entry.get("kind", ""),
         split=entry.get("split", "train"),
+        typical=entry.get("size_typical") or False,
     )
     check_fields(vars(mesh), get_type_hints(CadMesh))
     if mesh.size is not None and min(mesh.size) <= 0:

@@ -368,6 +368,15 @@ def test_training_leaves_out_what_the_benchmark_takes(collected):
     assert both == taken
 
 
+def test_a_typical_size_is_not_the_real_things(collected):
+    index = collected / "index.json"
+    entries = json.loads(index.read_text())["meshes"]
+    index.write_text(json.dumps({"meshes": [{**entry, "size_typical": True} for entry in entries]}))
+    config = BenchmarkConfig(seed=SEED, objects=2, categories=("chair",), meshes=collected, shapes="cad")
+    meshes = [case.mesh for case in synthetic_cases(config)]
+    assert all(mesh is not None and mesh.diagonal_m is None for mesh in meshes)
+
+
 def test_an_own_size_is_kept(collected):
     config = BenchmarkConfig(
         seed=SEED, objects=1, categories=("chair",), meshes=collected, shapes="cad", difficulty="hard"
