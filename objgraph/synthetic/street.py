@@ -23,7 +23,7 @@ from objgraph.geometry.frames import transformed
 from objgraph.observation.lidar.kitti_box import KittiBox
 
 _RECORD = "street.json"
-_VERSION = 1  # raised when the same configuration begins to give other files
+_VERSION = 2  # raised when the same configuration begins to give other files
 _KINDS = ("sedan", "hatchback", "estate", "suv", "minivan")
 _SIZE, _CAMERA_HEIGHT = (1242, 375), 1.65
 _K = np.array([[721.5, 0.0, 609.6], [0.0, 721.5, 172.9], [0.0, 0.0, 1.0]])
@@ -178,10 +178,10 @@ def _cast(
 
 
 def _detected(box: KittiBox, config: StreetConfig, rng: np.random.Generator) -> KittiBox:
-    """A label with a detector's errors."""
+    """A label with a detector's errors, also in the picture."""
     grown = 1.0 + rng.normal(0.0, config.size_sigma, size=3)
     height, width, length = grown * [box.height, box.width, box.length]
-    return dataclasses.replace(
+    found = dataclasses.replace(
         box,
         truncation=-1.0,
         occlusion=-1,
@@ -192,6 +192,8 @@ def _detected(box: KittiBox, config: StreetConfig, rng: np.random.Generator) -> 
         yaw=box.yaw + np.radians(rng.normal(0.0, config.heading_sigma_deg)),
         score=float(rng.uniform(0.5, 0.95)),
     )
+    corners = found.size * (np.array(list(np.ndindex(2, 2, 2))) - 0.5)
+    return dataclasses.replace(found, image_box=_image_box(transformed(found.T_rect_object, corners)))
 
 
 def _image_box(p_rect: Float[np.ndarray, "v 3"]) -> Float[np.ndarray, "4"]:

@@ -70,6 +70,23 @@ def test_the_picture_shows_the_returns(street):
         assert (v < bottom + 3).all()
 
 
+def test_a_detection_has_a_detectors_errors_in_the_picture_too(street):
+    """Its picture box holds its own box in space, cut at the picture's edge, and is no label's."""
+    frame = load_frame(street, "000000")
+    assert frame.picture is not None
+    K, T = frame.picture.intrinsics, frame.picture.T_world_camera
+    labels = [label.image_box for label in load_labels(street, "000000")]
+    detections = read_boxes(street / "detections" / "000000.txt")
+    assert detections
+    for found in detections:
+        assert all(np.abs(found.image_box - label).max() > 0.5 for label in labels)
+        corners = found.size * (np.array(list(np.ndindex(2, 2, 2))) - 0.5)
+        R, t = found.T_rect_object[:3, :3], found.T_rect_object[:3, 3]
+        u, v = K.project(corners @ R.T + t - T[:3, 3]).T
+        u, v = u.clip(0, K.width - 1), v.clip(0, K.height - 1)
+        np.testing.assert_allclose(found.image_box, [u.min(), v.min(), u.max(), v.max()], atol=0.5)
+
+
 def test_masks_name_detections(root):
     frame = load_frame(root, "000000")
     assert frame.picture is not None
