@@ -6,8 +6,11 @@ from pathlib import Path
 from typing import Any, Literal
 
 Suite = Literal["docs", "quick"]
-_SHARED = "start,graph,graph-bare,ours,dsp-slam,node-slam,dsp-slam-gn"
-_OWN = "start@own,start-7dof@own,graph@own,graph-bare@own,ours@own,dsp-slam@own,node-slam@own,dsp-slam-gn@own"
+_SHARED = "start,graph,graph-bare,ours,dsp-slam,node-slam,dsp-slam-gn,dsp-slam-gn-released"
+_OWN = (
+    "start@own,start-7dof@own,graph@own,graph-bare@own,ours@own,dsp-slam@own,node-slam@own,dsp-slam-gn@own,"
+    "dsp-slam-gn-released@own"
+)
 _EFFECTS = (
     "ours,ours-released,ours+code-weight,ours+clipping,ours+depth-variance,ours+band,ours+world-scale,"
     "ours+first-view-depths,ours-det2d,ours-det2d-released,ours-det2d+squared,dsp-slam-gn,dsp-slam-gn-released,"
@@ -99,9 +102,7 @@ def _quick() -> list[Part]:
 
 def _real(suite: Suite) -> list[Part]:
     """Real sensors, whose ground truth is boxes."""
-    methods = (
-        "graph,graph-bare,ours,dsp-slam,node-slam,dsp-slam-gn" if suite == "docs" else "graph,dsp-slam-gn"
-    )
+    methods = _SHARED.removeprefix("start,") if suite == "docs" else "graph,dsp-slam-gn"
     views = ("1,2,3",) if suite == "docs" else ("3",)
     factors = (1.0, 2.0, 0.5) if suite == "docs" else (1.0,)
     cameras = [
@@ -119,7 +120,7 @@ def _real(suite: Suite) -> list[Part]:
             f"kitti-{factor:g}", f"LiDAR: KITTI, a detector of {factor:g} times the noise that the graph is told",
             {
                 "dataset": "kitti", "root": Path("kitti"), "detector_noise": factor,
-                "methods": (methods if factor == 1 else "graph,dsp-slam-gn",),
+                "methods": (methods if factor == 1 else "graph,dsp-slam-gn,dsp-slam-gn-released",),
                 **({"scenes": ("000004,000007,000008",)} if suite == "quick" else {}),
             },
             ("Table III:",),

@@ -6,7 +6,7 @@ from typing import Any
 
 from objgraph.bench.comparison.writing.grid import NONE, Cell, Grid, ranked_across
 
-METHODS = ("graph", "ours", "dsp-slam", "node-slam", "dsp-slam-gn")
+METHODS = ("graph", "ours", "dsp-slam", "node-slam", "dsp-slam-gn", "dsp-slam-gn-released")
 _OBJECTS = ("9-DoF poses right, median Chamfer distance (cm)", "pose_rate", "median_chamfer_m")
 _BOXES = ("Boxes: IoU", "median_box_iou", None)
 _CARS = ("Cars: mean IoU of boxes", "mean_iou", None)
