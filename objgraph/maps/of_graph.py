@@ -63,12 +63,14 @@ def _entry(
     objects: ObjectsInGraph, handle: Handle, instance: Numbered, known: Calibration, resolution: int
 ) -> MappedObject:
     try:
-        views = objects.views(handle)
-        if not views:
+        views, prior = objects.views(handle), handle.prior
+        if (
+            not views or known.of(prior.category, prior.digest) is None
+        ):  # nothing to judge: no first guess is asked
             alone = Estimate.of_graph(objects.state(handle), objects.marginals(handle), handle.other_headings)
-            return replace(map_entry(instance, handle.prior, alone, (), resolution), estimator="graph")
+            return replace(map_entry(instance, prior, alone, views, resolution), estimator="graph")
         task, estimate = estimate_in(objects, handle)
-        entry = map_entry(instance, handle.prior, estimate, views, resolution)
+        entry = map_entry(instance, prior, estimate, views, resolution)
         return replace(with_trust(entry, task, estimate, known), estimator="graph")
     except ObjectGraphError as error:
         return failed_entry(instance, error)

@@ -120,8 +120,7 @@ def map_scan(
         ProcessError: there is no Ray cluster.
     """
     config = checks.settings_or_default(config, MappingConfig, ConfigError)
-    jobs = checks.whole("jobs", jobs, checks.Range(1), ConfigError)
-    Workers(jobs, engine)  # an engine that is none is told before the frames are read
+    jobs = Workers(jobs, engine).jobs  # what is none is told before the frames are read
     if watch is not None and (jobs > 1 or engine != "local"):
         raise ConfigError("a watched map is made in one process: jobs=1")
     checks.instance("scan", scan, Scan, ObservationError)

@@ -11,10 +11,12 @@ from objgraph.covariance.box import box_pose
 from objgraph.covariance.surface import surface_sigma
 from objgraph.errors import CovarianceError, MapError, ObservationError, SolveError
 from objgraph.graph.object_graph import ObjectGraph
+from objgraph.maps import of_graph
 from objgraph.maps.object_map import ObjectMap
 from objgraph.maps.of_graph import map_of
 from objgraph.priors.mesh import extract_mesh
 from objgraph.trust.judge import judge
+from tests.objgraph.trust.calibrations import calibration
 from tests.objgraph.trust.test_judge import KNOWN, PRIOR, UP, solved
 from tests.toys import toy_state
 
@@ -92,6 +94,13 @@ def test_an_object_without_views_has_a_mesh_and_no_verdict():
     assert entry.status == "mapped", entry.reason
     assert entry.vertices is not None
     assert (entry.trust, entry.box_covariance, entry.views) == (None, None, ())
+
+
+def test_what_no_calibration_knows_is_mapped_without_asking_how_it_may_stand(graph, monkeypatch):
+    monkeypatch.setattr(of_graph, "estimate_in", lambda *_: pytest.fail("nobody judges it"))
+    (entry,) = map_of(graph[0], calibration=calibration("other weights"), resolution=CELLS).objects
+    assert (entry.status, entry.trust, entry.box_covariance) == ("mapped", None, None)
+    assert len(entry.views) == len(graph[0].views(graph[1]))
 
 
 @pytest.mark.parametrize(
