@@ -4,6 +4,8 @@ An object that moves along a ray moves where the ray ends by as much, however fa
 So what goes along with that move is integrated over, the SDF moving with it, and decoded where the object is estimated to be.
 """
 
+from typing import NamedTuple
+
 import gtsam
 import numpy as np
 import torch
@@ -66,37 +68,67 @@ def ray_ends(
     coarse = coarse_depths(start, end, samples)
     blur = float(np.linalg.norm([beyond.max(), residual_sigma * state.scale.max(), PROBIT_SCALE / _SLOPE]))
     cells = _cells(start, end, _coarse_sdf(decoder, state, places(coarse)).view_as(coarse), blur)
+    moved = _moved(
+        decoder, state, covariance, places(cells.depth), directions @ R_object_camera.T, residual_sigma
+    )
+    knots, ended = _ended(start, cells.depth, moved)
+    depth[meets], reached[meets] = knots.numpy(), ended.numpy()
+    return depth, reached
 
-    sdf, jacobian, metres = _extended_sdf(decoder, state, places(cells.depth))
-    matrix = torch.as_tensor(np.array(covariance.matrix))
-    variance = propagated_variance(jacobian, matrix) + (residual_sigma * metres) ** 2
-    variance = (variance + (PROBIT_SCALE / _SLOPE) ** 2).view_as(cells.depth)
-    d_move = torch.as_tensor(directions @ R_object_camera.T)  # of the object, for a z-depth of 1
-    along = torch.zeros(len(meets), len(matrix), dtype=torch.float64)
+
+class _Moved(NamedTuple):
+    """The SDF along r rays under moves of the object along them, which are counted in their standard deviations."""
+
+    sdf: Float[Tensor, "r k"]
+    """Metres, where the object is estimated to be."""
+    change: Float[Tensor, "r k"]
+    """Of the SDF at the same place of the object, which moves along, with a move and what goes along with it."""
+    variance: Float[Tensor, "r k"]
+    """Square metres: of all that does not go along with a move, the occupancy's own softness counted."""
+    shift: Float[Tensor, "r"]
+    """Metres along z by which the surface moves with a move."""
+
+
+def _moved(
+    decoder: SdfDecoder,
+    state: ObjectState,
+    covariance: ObjectCovariance,
+    p_world: Float[np.ndarray, "rk 3"],
+    directions_object: Float[np.ndarray, "r 3"],
+    residual_sigma: float,
+) -> _Moved:
+    """At k places of each ray, whose directions are metres along the object's axes for a z-depth of 1."""
+    sdf, jacobian, metres = _extended_sdf(decoder, state, p_world)
+    r, matrix = len(directions_object), torch.as_tensor(np.array(covariance.matrix))
+    soft = (PROBIT_SCALE / _SLOPE) ** 2
+    variance = (propagated_variance(jacobian, matrix) + (residual_sigma * metres) ** 2 + soft).view(r, -1)
+    d_move = torch.as_tensor(directions_object)
+    along = torch.zeros(r, len(matrix), dtype=torch.float64)
     along[:, 3:6] = d_move / d_move.square().sum(dim=1, keepdim=True)
     move = propagated_variance(along, matrix).clamp_min(0).sqrt()
-    rows = jacobian.view(*cells.depth.shape, -1)
-    # change of the SDF with a standard deviation of the move, and with what goes along with it; with a metre of the move alone
+    sdf, rows = sdf.view(r, -1), jacobian.view(*variance.shape, -1)
     change = torch.einsum("rkd,rd->rk", rows, along @ matrix / move.clamp_min(1e-12)[:, None])
-    slope = torch.einsum("rkd,rd->rk", rows[:, :, 3:6], d_move)
-    sdf = sdf.view_as(slope)
+    slope = torch.einsum("rkd,rd->rk", rows[:, :, 3:6], d_move)  # with a metre of the move alone
     shift = _shift(sdf, change, slope, move)
     rest = change - slope * shift[:, None]
-    square = (variance - change.square()).clamp_min((PROBIT_SCALE / _SLOPE) ** 2) + _WITHIN * rest.square()
+    variance = (variance - change.square()).clamp_min(soft) + _WITHIN * rest.square()
+    return _Moved(sdf, rest, variance, shift)
 
-    at = torch.cat([start[:, None], cells.depth], dim=1)[:, :, None] + (shift[:, None] * _MOVES)[:, None, :]
-    mean = sdf[:, :, None] + rest[:, :, None] * _MOVES
-    occupied = probit_occupancy(mean, square.sqrt()[:, :, None])
+
+def _ended(
+    start: Float[Tensor, "r"], depth: Float[Tensor, "r k"], moved: _Moved
+) -> tuple[Float[Tensor, "r k"], Float[Tensor, "r k"]]:
+    """Depths and the probability to have ended there, over all moves; rays begin at `start`."""
+    at = torch.cat([start[:, None], depth], dim=1)[:, :, None] + (moved.shift[:, None] * _MOVES)[:, None, :]
+    mean = moved.sdf[:, :, None] + moved.change[:, :, None] * _MOVES
+    occupied = probit_occupancy(mean, moved.variance.sqrt()[:, :, None])
     occupied = torch.where(at[:, 1:] >= _NEAREST, occupied, 0.0)
     of_move = torch.nn.functional.pad(occupied, (0, 0, 1, 0)).cummax(dim=1)[0]
     weight = torch.softmax(-0.5 * _MOVES.square() / (1 - _WITHIN), dim=0)
-    spread = (_STEP * shift.abs()).clamp_min(1e-4)  # a difference quotient is taken over it
-    knots = _knots(
-        at, weight * of_move.diff(dim=1, prepend=torch.zeros_like(of_move[:, :1])), spread, samples
-    )
-    depth[meets] = knots.numpy()
-    reached[meets] = _mixed(at, of_move, weight, spread, knots).cummax(dim=1)[0].clamp(0, 1).numpy()
-    return depth, reached
+    spread = (_STEP * moved.shift.abs()).clamp_min(1e-4)  # a difference quotient is taken over it
+    ends = weight * of_move.diff(dim=1, prepend=torch.zeros_like(of_move[:, :1]))
+    knots = _knots(at, ends, spread, depth.shape[1])
+    return knots, _mixed(at, of_move, weight, spread, knots).cummax(dim=1)[0].clamp(0, 1)
 
 
 def _shift(
