@@ -60,6 +60,11 @@ def why_not_rigid(T: Float[np.ndarray, "4 4"], tolerance: float = 1e-2) -> str |
     return "its rotation is a reflection" if np.linalg.det(R) < 0 else None
 
 
+def is_rigid(T: Float[np.ndarray, "4 4"], tolerance: float = 1e-4) -> bool:
+    """Whether a matrix is a rotation and a translation, by default to the precision of a text file."""
+    return why_not_rigid(T, tolerance) is None
+
+
 def transformed(T_a_b: Float[np.ndarray, "4 4"], p_b: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
     """Points of frame b in frame a."""
     return p_b @ T_a_b[:3, :3].T + T_a_b[:3, 3]

@@ -15,8 +15,8 @@ from objgraph.covariance.box_modes import BoxMode, box_modes
 from objgraph.covariance.heading_modes import HeadingModes
 from objgraph.covariance.labelled import RIGID_AXES, LabelledCovariance, ObjectCovariance
 from objgraph.errors import CovarianceError, MapError
-from objgraph.maps import checks as map_checks
-from objgraph.maps.other_estimate import ESTIMATE_SHAPES, OtherEstimate
+from objgraph.geometry.frames import is_rigid
+from objgraph.maps.other_estimate import ESTIMATE_SHAPES, OtherEstimate, read_only
 from objgraph.trust.verdict import Trust
 
 COVARIANCE_AXES = RIGID_AXES
@@ -41,6 +41,8 @@ _SHAPES: dict[str, tuple[int | None, ...]] = {
 }
 _NUMBERS = ("cost_initial", "cost_final", "seconds")
 _COUNTS = ("linearizations", "error_evaluations")
+_IDS = checks.Range(-(2**63), 2**64 - 1)
+"""What a document can hold."""
 
 
 @dataclass(frozen=True)
@@ -132,16 +134,15 @@ class MappedObject:
                 raise _bad(self, name, f"is no text ({value!r})")
         if self.reason is not None:  # it may quote a name of any bytes
             self._put("reason", self.reason.encode(errors="replace").decode())
-        self._put("id", map_checks.whole(f"{label}: id", self.id))
-        if self.id is None:
-            raise _bad(self, "id", "is missing")
-        for name, shape in _SHAPES.items():
+        self._put("id", checks.whole(f"{label}: id", self.id, _IDS, MapError))
+        given = {name: value for name, value in vars(self).items() if value is not None}
+        for name in _SHAPES.keys() & given.keys():
             dtype = np.int64 if name == "faces" else np.float64
-            self._put(name, map_checks.array(f"{label}: {name}", getattr(self, name), shape, dtype))
-        for name in _NUMBERS:
-            self._put(name, map_checks.number(f"{label}: {name}", getattr(self, name)))
-        for name in _COUNTS:
-            self._put(name, map_checks.whole(f"{label}: {name}", getattr(self, name)))
+            self._put(name, read_only(f"{label}: {name}", given[name], _SHAPES[name], dtype))
+        for name in given.keys() & set(_NUMBERS):
+            self._put(name, checks.number(f"{label}: {name}", given[name], error=MapError))
+        for name in given.keys() & set(_COUNTS):
+            self._put(name, checks.whole(f"{label}: {name}", given[name], error=MapError))
         if self.trust is not None and not isinstance(self.trust, Trust):
             raise _bad(self, "trust", f"is no Trust ({type(self.trust).__name__})")
         if not isinstance(self.views, (list, tuple)) or not isinstance(self.seconds_by_stage, Mapping):
@@ -152,9 +153,9 @@ class MappedObject:
             checks.string(f"object {self.id}: {name}", value, MapError)
         if not self.views and self.cameras is not None and not self.cameras.size:
             self._put("cameras", None)  # JSON does not tell no cameras from none given
-        stages = self.seconds_by_stage.items()
-        where = f"{label}: seconds_by_stage"
-        self._put("seconds_by_stage", {str(k): map_checks.number(f"{where}.{k}", v) for k, v in stages})
+        where, stages = f"{label}: seconds_by_stage", self.seconds_by_stage.items()
+        seconds = {str(k): checks.number(f"{where}.{k}", v, error=MapError) for k, v in stages}
+        self._put("seconds_by_stage", seconds)
         _check_consistency(self)
 
     @property
@@ -220,7 +221,7 @@ def _check_consistency(entry: MappedObject) -> None:
     for name in ("T_world_object", "scale", "code"):
         if entry.status == "mapped" and getattr(entry, name) is None:
             raise _bad(entry, name, "is missing although the object is mapped")
-    if entry.T_world_object is not None and not map_checks.is_rigid(entry.T_world_object):
+    if entry.T_world_object is not None and not is_rigid(entry.T_world_object):
         raise _bad(entry, "T_world_object", "is no rigid transform; the scale has a field of its own")
     if entry.scale is not None and not (entry.scale > 0).all():
         raise _bad(entry, "scale", "must be positive")
@@ -237,7 +238,7 @@ def _check_consistency(entry: MappedObject) -> None:
         raise _bad(entry, "code_sigma", f"has {len(entry.code_sigma)} entries, the code {len(entry.code)}")
     if entry.cameras is not None and len(entry.cameras) != len(entry.views):
         raise _bad(entry, "cameras", f"are {len(entry.cameras)}, for {len(entry.views)} views")
-    if entry.cameras is not None and not all(map_checks.is_rigid(T) for T in entry.cameras):
+    if entry.cameras is not None and not all(is_rigid(T) for T in entry.cameras):
         raise _bad(entry, "cameras", "are no rigid transforms")
     if entry.turned is not None:
         length = None if entry.code is None else RIGID_DOF + len(entry.code)

@@ -7,8 +7,9 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
+from factors import checks
 from objgraph.errors import MapError
-from objgraph.maps import checks as map_checks
+from objgraph.geometry.frames import is_rigid
 
 ESTIMATE_SHAPES: dict[str, tuple[int | None, ...]] = {
     "T_world_object": (4, 4),
@@ -18,6 +19,14 @@ ESTIMATE_SHAPES: dict[str, tuple[int | None, ...]] = {
     "code_sigma": (None,),
 }
 """Arrays that every estimate of an object has; None is a length that the estimate chooses."""
+
+
+def read_only(where: str, value: Any, shape: tuple[int | None, ...], dtype: type = np.float64) -> np.ndarray:
+    """A read-only copy of finite numbers, whole ones where the type is; raises MapError naming `where`."""
+    kinds = "iu" if np.issubdtype(dtype, np.integer) else "fiu"
+    found = checks.array(where, value, shape, MapError, kinds=kinds).astype(dtype)
+    found.flags.writeable = False
+    return found
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,11 +50,10 @@ class OtherEstimate:
             raise MapError(f"other estimate: estimator is no text ({self.estimator!r})")
         for name, shape in ESTIMATE_SHAPES.items():
             where = f"other estimate: {name}"
-            value = map_checks.array(where, getattr(self, name), shape, np.float64)
-            if value is None:
+            if getattr(self, name) is None:
                 raise MapError(f"{where} is missing")
-            object.__setattr__(self, name, value)
-        if not map_checks.is_rigid(self.T_world_object) or not (self.scale > 0).all():
+            object.__setattr__(self, name, read_only(where, getattr(self, name), shape))
+        if not is_rigid(self.T_world_object) or not (self.scale > 0).all():
             raise MapError("other estimate: the pose must be rigid and the scale positive")
         if (np.diagonal(self.covariance) < 0).any() or (self.code_sigma < 0).any():
             raise MapError("other estimate: covariance or code_sigma has a negative entry")

@@ -9,7 +9,7 @@ from jaxtyping import Float, Int
 from objgraph.datasets.ground_truth import GroundTruth
 from objgraph.errors import EvaluationError
 from objgraph.geometry.boxes import OrientedBox
-from objgraph.geometry.frames import transformed, why_not_rigid
+from objgraph.geometry.frames import is_rigid, transformed
 
 
 @dataclass(frozen=True)
@@ -69,7 +69,7 @@ class PlacedMesh:
 def _check_pose(label: str, T: np.ndarray, scale: np.ndarray) -> None:
     if np.shape(T) != (4, 4) or not np.isfinite(T).all():
         raise EvaluationError(f"{label}: T_world_object must be a finite 4x4 matrix, got shape {np.shape(T)}")
-    if why_not_rigid(T, 1e-4) is not None:
+    if not is_rigid(T):
         raise EvaluationError(f"{label}: T_world_object is not rigid; take the scale out of it")
     if np.shape(scale) != (3,) or not np.isfinite(scale).all() or np.min(scale) <= 0:
         raise EvaluationError(f"{label}: the scale must be three positive numbers, got {scale}")
