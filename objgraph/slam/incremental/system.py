@@ -323,24 +323,36 @@ class IncrementalSystem:
             freeze([observation], observation.point, self.slope)
 
     def _to_remove(self, entry: TrackedObject) -> list[int]:
-        """Numbers of the factors that go with the object: not its priors where the lag has made a factor on it of lost views,
-        which alone does not determine it."""
-        if entry.has_lost_views:
+        """Numbers of the factors that go with the object: not its priors where what the lag has left of lost views stays, which
+        alone does not determine it."""
+        if self.keeps_lost_views(entry):
             return [
                 observation.number for observation in entry.observations if observation.camera is not None
             ]
         return self.numbers_of(entry)
 
+    def keeps_lost_views(self, entry: TrackedObject) -> bool:
+        """Whether the smoother has what views of the object said that it does not hold any more: a lag leaves that, a caller who
+        takes a camera out with its factors does not."""
+        return any(self._is_of_lag(entry, factor) for factor in self._others_on(entry))
+
     def check_free(self, entry: TrackedObject) -> None:
         """Raise SolveError where a factor of the caller's is on the object: it would be lost with the object's variables."""
-        self.prune(entry)
-        own = set(entry.keys)
-        for factor in self.smoother.factors_without(self.numbers_of(entry)):
-            # of lost views the lag has made such factors
-            of_lag = entry.has_lost_views and isinstance(factor, gtsam.LinearContainerFactor)
-            if not of_lag and own.intersection(factor.keys()):
+        for factor in self._others_on(entry):
+            if not self._is_of_lag(entry, factor):
                 names = ", ".join(map(readable_key, factor.keys()))
                 raise SolveError(f"{entry.name} stays as it is: a factor of yours on {names} holds it")
+
+    def _others_on(self, entry: TrackedObject) -> list[gtsam.NonlinearFactor]:
+        """Factors on the object that are none of its own."""
+        self.prune(entry)
+        own, others = set(entry.keys), self.smoother.factors_without(self.numbers_of(entry))
+        return [factor for factor in others if own.intersection(factor.keys())]
+
+    @staticmethod
+    def _is_of_lag(entry: TrackedObject, factor: gtsam.NonlinearFactor) -> bool:
+        """Whether the lag has made a factor, which is none of the object's own, of views of it."""
+        return entry.has_lost_views and isinstance(factor, gtsam.LinearContainerFactor)
 
     def numbers_of(self, entry: TrackedObject) -> list[int]:
         """Of all factors on the object."""

@@ -65,7 +65,7 @@ class Upkeep:
         some = np.unique(np.linspace(0, len(placed) - 1, min(len(placed), _RESOLVED)).astype(int))
         views = [placed[i][1].at(self._system.camera_pose(placed[i][0])) for i in some]
         alone = Alone(entry.name, entry.prior, views, self._system.builder, self._system.config)
-        may_turn = not entry.has_lost_views
+        may_turn = not self._system.keeps_lost_views(entry)
         found = alone.again_in_all_headings(state) if may_turn else alone.again(state)
         turns = is_turned(found.state, state)
         if turns and not may_turn:

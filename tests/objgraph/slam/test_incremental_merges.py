@@ -15,6 +15,7 @@ from objgraph.slam.incremental import entrance
 from objgraph.slam.incremental import system as module
 from objgraph.slam.incremental.front_end import FrontEnd
 from objgraph.slam.incremental.pending import PendingObject
+from objgraph.slam.incremental.staged import StagedSmoother
 from objgraph.slam.incremental.system import IncrementalSystem
 from objgraph.slam.incremental.tracked import TrackedObject
 from objgraph.slam.incremental.upkeep import Upkeep
@@ -131,3 +132,28 @@ def test_a_merge_that_fails_costs_none_of_the_others(monkeypatch):
         "2 is 0",
     ]
     assert system.objects == entries[:2]
+
+
+def test_an_object_whose_camera_the_caller_has_taken_out_leaves_his_smoother_whole(monkeypatch):
+    """With the camera's factors, those of the object among them: nothing of what it saw is left to hold the object."""
+    system, isam = undecoded(monkeypatch), gtsam.ISAM2()
+    staged = StagedSmoother(isam)
+    monkeypatch.setattr(system, "smoother", staged)
+
+    def hand_over() -> None:
+        staged.accept(isam.update(*staged.hand_over()).getNewFactorsIndices())
+
+    keep, drop = doubles(system, 3)
+    level = gtsam.PoseRotationPrior3D(drop.keys.pose, gtsam.Rot3(), gtsam.noiseModel.Isotropic.Sigma(3, 0.1))
+    drop.numbers += system.commit([level])
+    hand_over()
+    graph = isam.getFactorsUnsafe()
+    gone = [i for i in range(graph.size()) if X(2) in list(graph.at(i).keys())]
+    isam.update(gtsam.NonlinearFactorGraph(), gtsam.Values(), gone)
+    assert not staged.has(X(2))
+    system.adopt(keep, system.held(drop), instead_of=drop)
+    hand_over()
+    assert not any(isam.valueExists(key) for key in drop.keys)
+    assert all(isam.valueExists(key) for key in keep.keys)
+    assert keep.has_lost_views
+    assert not system.keeps_lost_views(keep)
