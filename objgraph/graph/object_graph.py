@@ -1,5 +1,6 @@
 """Objects inside a GTSAM graph that the caller owns."""
 
+import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
@@ -107,7 +108,7 @@ class ObjectGraph:
         """
         prior = prior_for(prior) if isinstance(prior, str) else prior
         prior = checks.instance("prior (a ShapePrior or a category)", prior, ShapePrior, PriorError)
-        name = f"{prior.category} {len(self.objects)}" if name is None else checks.text("name", name)
+        name = f"{prior.category} {self._free_number()}" if name is None else checks.text("name", name)
         views = [] if isinstance(start, ObjectState) else _several(name, start)
         if isinstance(start, ObjectState):
             state, headings = start, None
@@ -339,6 +340,11 @@ class ObjectGraph:
             if expected is None and found is not None and own.intersection(found):
                 names = ", ".join(readable_key(key) for key in found)
                 raise FactorError(f"{handle.name} cannot be removed: your factor {i} on {names} holds it")
+
+    def _free_number(self) -> int:
+        """One that no object's name ends with: where one was removed there are fewer objects than numbers."""
+        taken = {each.name.rpartition(" ")[2] for each in self.objects}
+        return next(n for n in itertools.count(len(self.objects)) if str(n) not in taken)
 
     def _free_index(self) -> int:
         index = len(self.objects)

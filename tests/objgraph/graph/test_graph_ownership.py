@@ -214,6 +214,18 @@ def test_the_graph_is_as_long_as_before_once_everything_is_taken_out():
     assert objects.graph.size() == size
 
 
+def test_names_and_the_numbers_in_them_are_free_where_objects_were_taken_out():
+    objects = empty()
+    first, table = (
+        objects.add_object(replace(toy_prior(), category=kind), toy_state()) for kind in ("chair", "table")
+    )
+    objects.remove_object(first)
+    another = objects.add_object(toy_prior(), toy_state())
+    assert (table.name, another.name) == ("table 1", "chair 2")
+    assert objects.add_object(toy_prior(), toy_state(), name="lamp").name == "lamp"
+    assert objects.add_object(toy_prior(), toy_state()).name == "chair 3"
+
+
 def test_an_object_that_the_caller_holds_stays():
     objects = empty(up_world=None)
     handle = objects.add_object(toy_prior(), toy_state())
