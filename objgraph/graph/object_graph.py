@@ -19,6 +19,7 @@ from factors.state import ObjectKeys, ObjectState
 from objgraph.covariance.heading_modes import HeadingModes
 from objgraph.covariance.labelled import ObjectCovariance
 from objgraph.covariance.posterior import Posterior
+from objgraph.diagnostics.keys import is_pose
 from objgraph.diagnostics.undetermined import require_values
 from objgraph.errors import ConfigError, ObjectGraphError, ObservationError, PriorError, SolveError
 from objgraph.graph.builder import DetectedBox, GraphConfig, ObjectBuilder
@@ -262,12 +263,16 @@ class ObjectGraph:
         return ObjectState.from_values(self.values, handle.keys)
 
     def views(self, handle: ObjectHandle) -> list[ObjectView]:
-        """What the object was observed in, each from where its camera is now; raises FactorError where it is not in this graph."""
+        """What the object was observed in, each from where its camera is now; raises FactorError where it is not in this graph,
+        or the values hold no such camera."""
         self._check_known(handle)
         found = []
         for view, camera, body_T_camera in handle.sightings:
-            pose = camera if isinstance(camera, gtsam.Pose3) else self.values.atPose3(camera)
-            found.append(view.at(pose if body_T_camera is None else pose.compose(body_T_camera)))
+            if not isinstance(camera, gtsam.Pose3):
+                if not is_pose(camera, self.values):
+                    raise FactorError(f"{handle.name}: the values hold no camera at {readable_key(camera)}")
+                camera = self.values.atPose3(camera)
+            found.append(view.at(camera if body_T_camera is None else camera.compose(body_T_camera)))
         return found
 
     def posterior(self) -> Posterior:

@@ -111,6 +111,11 @@ def test_a_camera_without_a_value_is_an_error_that_names_it():
     objects.observe(handle, views_of(state, [0.3])[0], camera=X(3))
     with pytest.raises(SolveError, match="x3"):
         objects.optimize(SHORT)
+    with pytest.raises(FactorError, match="chair 0: the values hold no camera at x3"):
+        objects.views(handle)
+    objects.values.insert(X(3), np.zeros(3))
+    with pytest.raises(FactorError, match="chair 0: the values hold no camera at x3"):
+        objects.views(handle)
 
 
 def own_slam() -> tuple[gtsam.NonlinearFactorGraph, gtsam.Values]:
