@@ -160,14 +160,21 @@ class FrontEnd:
             try:
                 seed = self.config.seed + len(self.cameras)
                 view = observe(frame, detection.id, self.config.sampling, seed)
-                prior = self._find_prior(detection.category)
-                views.append(
-                    (view.at(T_world_camera), checks.instance("a prior", prior, ShapePrior, PriorError))
-                )
+                views.append((view.at(T_world_camera), self._prior(detection.category)))
             except ObjectGraphError as error:
                 reasons.append(str(error))
                 _LOG.info("a detection is left out: %s", error)
         return views, reasons
+
+    def _prior(self, category: str) -> ShapePrior:
+        """Raises PriorError where the caller's function fails or gives something else."""
+        try:
+            prior = self._find_prior(category)
+        except ObjectGraphError:
+            raise
+        except Exception as error:  # the caller's, whatever it is: KeyError of a dict, for instance
+            raise PriorError(f"find_prior({category!r}) failed: {error!r}") from error
+        return checks.instance("a prior", prior, ShapePrior, PriorError)
 
     def _candidate(self, entry: TrackedObject | PendingObject, motion: Motion) -> MappedCandidate:
         if isinstance(entry, TrackedObject):

@@ -55,6 +55,9 @@ def test_a_category_of_which_nothing_is_known_is_left_out_with_the_reason():
     objects = IncrementalObjectGraph(UP, find_prior=lambda _: None)  # type: ignore[arg-type]
     report = objects.update(FRAME, [Instance(1, "chair")])
     assert "a prior must be of type ShapePrior, not NoneType" in report.reasons
+    objects = IncrementalObjectGraph(UP, find_prior={"table": toy_prior()}.__getitem__)
+    report = objects.update(FRAME, [Instance(1, "chair")])
+    assert report.reasons == ("find_prior('chair') failed: KeyError('chair')",)
 
 
 @pytest.mark.parametrize(
