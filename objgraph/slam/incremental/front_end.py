@@ -10,9 +10,10 @@ import numpy as np
 from jaxtyping import Float
 
 from factors import checks
+from factors.keys import readable_key
 from factors.state import ObjectKeys, ObjectState
 from objgraph.covariance.labelled import ObjectCovariance
-from objgraph.errors import ConfigError, ObjectGraphError, ObservationError, PriorError
+from objgraph.errors import ConfigError, ObjectGraphError, ObservationError, PriorError, SolveError
 from objgraph.graph.builder import ObjectBuilder
 from objgraph.observation.frames import Frame, Instance
 from objgraph.observation.sampling import ObjectView, observe
@@ -118,17 +119,24 @@ class FrontEnd:
         """T_world_camera, or T_world_body where there is a `body_T_camera`, as it is estimated now.
 
         Raises:
-            SolveError: it is not in the map, or past its lag, or no pose.
+            SolveError: it is no key, or not in the map, or past its lag, or no pose.
         """
-        return self.system.pose(camera)
+        return self.system.pose(checks.key("camera", camera, SolveError))
 
     def marginals(self, entry: TrackedObject) -> ObjectCovariance:
         """The object's joint covariance of pose, log-scale and code."""
         return ObjectCovariance.of(self.joint_marginals(entry), "marginals")
 
     def joint_marginals(self, entry: TrackedObject, others: Sequence[int] = ()) -> Float[np.ndarray, "d d"]:
-        """Joint covariance of the object's pose, log-scale and code and then of `others`, keys such as cameras'."""
-        return self.system.smoother.covariance([*entry.keys, *others])
+        """Joint covariance of the object's pose, log-scale and code and then of `others`, keys such as cameras'.
+
+        Raises:
+            SolveError: one of the keys is none, is asked for twice, or is not in the map or not determined.
+        """
+        keys = [*entry.keys, *checks.keys(f"{entry.name}: others", others, SolveError)]
+        if twice := [key for key in keys if keys.count(key) > 1]:
+            raise SolveError(f"{readable_key(twice[0])} is asked for twice; name each variable once")
+        return self.system.smoother.covariance(keys)
 
     def sightings(self, frame: Frame, detections: Sequence[Instance], motion: Motion) -> Sightings:
         T_world_camera = self.system.on_body(motion.predicted)

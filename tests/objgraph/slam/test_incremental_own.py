@@ -7,11 +7,13 @@ import numpy as np
 import pytest
 from gtsam.symbol_shorthand import L, X
 
+from factors.state import ObjectKeys
 from objgraph.errors import SolveError
 from objgraph.observation.frames import Frame
 from objgraph.slam import IncrementalConfig, IncrementalObjectGraph
+from objgraph.slam.incremental.front_end import FrontEnd
 from tests.objgraph.slam.undecoded import enter, see, undecoded
-from tests.toys import toy_frame, toy_state
+from tests.toys import toy_frame, toy_prior, toy_state
 
 UP = np.array([0.0, 0.0, 1.0])
 FRAME = toy_frame([toy_state()], 0.3)
@@ -86,3 +88,27 @@ def test_the_next_camera_s_key_is_none_of_the_caller_s():
 def test_rounds_that_are_none_are_refused(rounds):
     with pytest.raises(SolveError, match="rounds must be"):
         IncrementalObjectGraph(UP).optimize(rounds)
+
+
+@pytest.mark.parametrize(
+    ("others", "message"),
+    [
+        ([X(0), X(1), X(0)], "x0 is asked for twice"),
+        (["x0"], r"chair 0: others\[0\] must be a key"),
+        ([X(7)], "x7: not in the incremental system"),
+    ],
+)
+def test_variables_that_have_no_covariance_with_an_object_are_named(monkeypatch, others, message):
+    system = undecoded(monkeypatch)
+    for k in range(2):
+        see(system, k, [])
+    entry = enter(system, 0, [X(0), X(1)])
+    objects = FrontEnd(system, lambda _: toy_prior(), ObjectKeys.numbered)
+    assert objects.joint_marginals(entry, [X(1)]).shape == (19, 19)
+    with pytest.raises(SolveError, match=message):
+        objects.joint_marginals(entry, others)
+
+
+def test_a_camera_s_name_is_no_key():
+    with pytest.raises(SolveError, match="camera must be a key"):
+        IncrementalObjectGraph(UP).pose("x0")  # type: ignore[arg-type]
