@@ -69,6 +69,7 @@ def load(
     folder = pick_folder(root, "depth.txt", scene)
     camera = _camera(folder, intrinsics)
     depth = _read_list(folder / "depth.txt")
+    _check_names(folder / "depth.txt", depth)
     images = _read_list(folder / "rgb.txt") if (folder / "rgb.txt").is_file() else {}
     colors = _colors(images, depth, max_difference)
     stems = {
@@ -110,17 +111,31 @@ def _camera(folder: Path, given: Path | None) -> Camera:
 
 
 def _read_list(path: Path) -> dict[float, Path]:
-    """The image of each timestamp, by rising time."""
-    images = {}
+    """The image of each timestamp, by rising time; of several with the same the first, and the others are logged."""
+    images: dict[float, Path] = {}
+    lost = 0
     for number, words in numbered_words(path):
         try:
             timestamp, name = words
-            images[float(timestamp)] = inside(path.parent, name)
+            image = inside(path.parent, name)
+            lost += images.setdefault(float(timestamp), image) is not image
         except ValueError as error:
             raise DatasetError(f"{path}, line {number}: must be 'timestamp file': {error}") from error
     if not images:
         raise DatasetError(f"{path}: names no image; every line must be 'timestamp file'")
+    if lost:
+        log.warning("%s: %d frames share another's time and are left out", path, lost)
     return dict(sorted(images.items()))
+
+
+def _check_names(path: Path, depth: dict[float, Path]) -> None:
+    """Raise `DatasetError` where two depth images have the same name: a frame is called by it."""
+    times: dict[str, float] = {}
+    for time, image in depth.items():
+        if times.setdefault(image.stem, time) != time:
+            raise DatasetError(
+                f"{path}: the images at {times[image.stem]:.6f} and {time:.6f} s are both called {image.stem}; rename one"
+            )
 
 
 def _colors(colors: dict[float, Path], depth: dict[float, Path], max_difference: float) -> dict[float, Path]:

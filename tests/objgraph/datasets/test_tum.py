@@ -137,6 +137,35 @@ def test_damaged_files_are_named(folder, path, content, message):
         load(folder)
 
 
+def depth_lines(folder, change):
+    """Change the lines of `depth.txt`, (time, file) each, behind the comment."""
+    path = folder / "depth.txt"
+    comment, *lines = path.read_text().splitlines()
+    changed = change([line.split() for line in lines])
+    path.write_text("\n".join([comment, *(" ".join(words) for words in changed)]))
+
+
+def test_images_that_share_a_time_are_told(folder, caplog):
+    first, _, *others = load(folder).frames.names
+    depth_lines(folder, lambda lines: [lines[0], [lines[0][0], lines[1][1]], *lines[2:]])
+    assert load(folder).frames.names == (first, *others)
+    assert "depth.txt: 1 frames share another's time and are left out" in caplog.text
+
+
+def test_depth_images_of_the_same_name_are_refused(folder):
+    def change(lines):
+        (time, file), *others = lines
+        again = f"more/{others[0][1]}"
+        (folder / again).parent.mkdir(parents=True)
+        (folder / file).rename(folder / again)
+        return [[time, again], *others]
+
+    depth_lines(folder, change)
+    message = r"depth\.txt: the images at 1305031102\.16\d+ and 1305031102\.19\d+ s are both called 1305031102\.193733"
+    with pytest.raises(DatasetError, match=message):
+        load(folder)
+
+
 def test_a_missing_or_wrong_image_is_named(folder):
     first, second, *_ = sorted((folder / "depth").iterdir())
     scan = load(folder)
