@@ -145,13 +145,14 @@ def _poses(
 
 
 def _labels(names: list[str], labels: list[str], max_difference: float) -> dict[str, str]:
-    """The label of each frame that has one: its name, its number without leading zeros, or its nearest time.
+    """The label of each frame that has one: its name, else the first of its number, or its nearest time.
 
     Times count only where frames are named by times: frame 000001 is not the pose at one second.
     """
-    by_number = {int(label) if label.isdecimal() else label: label for label in labels}
-    keys = {name: int(name) if name.isdecimal() else name for name in names}
-    same = {name: by_number[key] for name, key in keys.items() if key in by_number}
+    by_number = {int(label): label for label in reversed(labels) if label.isdecimal()}
+    numbers = {name: int(name) for name in names if name.isdecimal()}
+    same = {name: by_number[number] for name, number in numbers.items() if number in by_number}
+    same |= {name: name for name in set(names).intersection(labels)}
     timed = [name for name in names if _TIME.fullmatch(name)]
     times = [label for label in labels if _TIME.fullmatch(label)]
     pairs = associate(np.array(timed, dtype=float), np.array(times, dtype=float), max_difference)

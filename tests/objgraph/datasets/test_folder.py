@@ -114,6 +114,13 @@ def test_a_line_belongs_to_the_frame_of_its_name_or_number(folder, caplog):
     assert "1 frames have no pose and are left out: 000002" in caplog.text
 
 
+def test_of_a_name_and_a_number_the_name_counts(folder):
+    write_poses(folder, ["0", "00001", "000001", "02", "2"])
+    first, second, third = (frame.T_world_camera for frame in frames_of(load(folder)))
+    for found, k in ((first, 0), (second, 2), (third, 3)):
+        np.testing.assert_allclose(found, pose(k), atol=1e-12)  # of two numbers the first
+
+
 def test_frame_1_is_not_the_pose_at_one_second(folder):
     write_poses(folder, ["0.000", "1.000", "2.000"])
     message = r"no line belongs to a frame: the frames are called 000000, .* begin with 0\.000.*in Python: max_difference"
