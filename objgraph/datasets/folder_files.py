@@ -84,7 +84,8 @@ def read_camera(path: Path) -> Camera:
     content = read_json(path)
     try:
         matrix = _matrix(*(float(content[key]) for key in ("fx", "fy", "cx", "cy")))
-        size = (whole(content["width"]), whole(content["height"])) if "width" in content else None
+        has_size = "width" in content or "height" in content
+        size = (whole(content["width"]), whole(content["height"])) if has_size else None
         if size is not None and min(size) < 1:
             raise ValueError(f"{size[0]}x{size[1]} pixels")
         depth_scale = float(content["depth_scale"]) if "depth_scale" in content else None

@@ -173,7 +173,7 @@ def test_the_camera_in_text_or_of_another_size(folder):
     json_file = folder / "intrinsics.json"
     edit(json_file, lambda c: c.update(fx=120, fy=120, cx=63.5, cy=47.5, width=2 * WIDTH, height=2 * HEIGHT))
     assert load(folder).frames[0].intrinsics == expected
-    edit(json_file, lambda c: c.pop("width"))
+    edit(json_file, lambda c: (c.pop("width"), c.pop("height")))
     with pytest.raises(DatasetError, match=r"intrinsics\.json: .*another resolution"):
         load(folder).frames[0]
     json_file.unlink()
@@ -275,6 +275,7 @@ def test_malformed_instances_are_named(folder, change, message):
         (lambda c: c.update(cx="middle"), "could not convert"),
         (lambda c: c.update(width=0), "0x48 pixels"),
         (lambda c: c.pop("height"), "'height' is missing"),
+        (lambda c: c.pop("width"), "'width' is missing"),
         (
             lambda c: c.update(depthScale=5000),
             "depthScale is not known, there are fx, .*, depth_scale: take it out",
