@@ -20,7 +20,7 @@ from objgraph.datasets.files import (
     ColorImages,
     LazyFrames,
     decode_depth,
-    decode_instances,
+    decode_mask,
     pick_folder,
     read_bytes,
     read_json,
@@ -143,7 +143,7 @@ def _frame(folder: Path, name: str, view: _View, colors: ColorImages) -> Frame:
     instances = np.zeros(depth.shape, np.int32)
     for number in view.objects:
         mask = folder / "mask_visib" / f"{name}_{number:06d}.png"
-        instances[decode_instances(read_bytes(mask), mask, depth.shape) > 0] = number + 1
+        instances[decode_mask(read_bytes(mask), mask, depth.shape) > 0] = number + 1
     images = (folder / "rgb" / f"{name}{suffix}" for suffix in (".png", ".jpg"))
     color = next((image for image in images if image.is_file()), None)
     return Frame(

@@ -23,6 +23,8 @@ MOST_PIXELS = 8 * 10**7
 _ROUNDED = 0.02
 """Share by which images of one view may differ in proportion."""
 _UNREADABLE = "{}: no readable image (PNG or JPEG; truncated or damaged); download or export it again"
+_PNG, _PNG_BITS = b"\x89PNG\r\n\x1a\n", 24
+"""How a PNG begins, and the byte that says how many bits a channel has."""
 _INVALID_DEPTH = np.iinfo(np.uint16).max
 
 
@@ -127,7 +129,17 @@ def metric_depth(raw: np.ndarray, shift: float) -> Float[np.ndarray, "h w"]:
 
 
 def decode_instances(data: bytes, origin: object, shape: tuple[int, int]) -> Int[np.ndarray, "h w"]:
-    """Instance ids; an image of the colour camera's resolution is resized by nearest neighbour to `shape`.
+    """Instance ids of a PNG of 8 or 16 bits: JPEG blurs them, and fewer bits are stretched to 0..255; see `decode_mask`."""
+    ids = decode_mask(data, origin, shape)
+    bits = data[_PNG_BITS] if data.startswith(_PNG) else None
+    if bits is None or bits < 8:
+        what = "that is a JPEG" if bits is None else f"of {bits} bit"
+        raise DatasetError(f"{origin}: a mask {what} does not keep ids; write it as a PNG of 8 or 16 bits")
+    return ids
+
+
+def decode_mask(data: bytes, origin: object, shape: tuple[int, int]) -> Int[np.ndarray, "h w"]:
+    """A mask's values; an image of the colour camera's resolution is resized by nearest neighbour to `shape`.
 
     A mask whose proportions differ from those of `shape` by more than 2 % belongs to another camera and
     raises `DatasetError`.
@@ -141,7 +153,7 @@ def decode_instances(data: bytes, origin: object, shape: tuple[int, int]) -> Int
 
 
 def fitted_ids(ids: np.ndarray, origin: object, shape: tuple[int, int]) -> Int[np.ndarray, "h w"]:
-    """Instance ids as large as `shape`; see `decode_instances`."""
+    """Instance ids as large as `shape`; see `decode_mask`."""
     if ids.shape != shape:
         check_proportions("mask", origin, (ids.shape[0], ids.shape[1]), shape)
         ids = cv2.resize(ids, shape[::-1], interpolation=cv2.INTER_NEAREST_EXACT)
