@@ -56,8 +56,10 @@ def read_index(bag: Bag, topics: Topics) -> Index:
             child = message.child_frame_id.lstrip("/") if is_odometry else ""
             pose = message.pose.pose if is_odometry else message.pose
             poses.append((topic, child, frame_of(message), stamp(message) / 1e9, pose))
-    if not moments[topics.depth]:
-        raise DatasetError(f"{bag.path}: {topics.depth} has lost its messages; copy the bag again")
+    for topic in images:
+        if not moments[topic]:
+            without = ", or map without colour (--topic.color none)" if topic == topics.color else ""
+            raise DatasetError(f"{bag.path}: {topic} has lost its messages; copy the bag again{without}")
     others = {topic: Transforms(bag.path) for topic in topics.poses}
     for topic, child, parent, seconds, pose in poses:
         others[topic].add(child or frames[topics.depth], parent, seconds, pose)

@@ -9,7 +9,7 @@ from objgraph.errors import DatasetError
 from tests.objgraph.datasets.bag_files import write_recording
 from tests.objgraph.datasets.dataset_folders import toy_scan
 
-DEPTH = "/camera/aligned_depth_to_color/image_raw"
+DEPTH, COLOR = "/camera/aligned_depth_to_color/image_raw", "/camera/color/image_raw"
 
 
 @pytest.mark.parametrize(
@@ -18,6 +18,7 @@ DEPTH = "/camera/aligned_depth_to_color/image_raw"
         (r"( +)type: \S*CameraInfo", r"\1type:", "has no name or no type"),
         (rf"( +)name: {DEPTH}", r"\1name:", "has no name or no type"),
         (rf"( +)name: {DEPTH}", rf"\1name: {DEPTH} {DEPTH}", "has lost its messages"),
+        (rf"( +)name: {COLOR}", rf"\1name: {COLOR} {COLOR}", "has lost its messages; .* map without colour"),
     ],
 )
 def test_topics_that_are_none_are_told(tmp_path, line, becomes, message):
