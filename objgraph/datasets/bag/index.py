@@ -42,7 +42,7 @@ def read_index(bag: Bag, topics: Topics) -> Index:
     moments: dict[str, list[Moment]] = {topic: [] for topic in images}
     frames: dict[str, str] = {}
     tf = Transforms(bag.path)
-    poses: list[tuple[str, str, str, float, Any]] = []
+    poses: list[tuple[str, str | None, str, float, Any]] = []
     for topic, logged, message in bag.messages({*images, *topics.transforms, *topics.poses}):
         if topic in moments:
             moments[topic].append(Moment(stamp(message), logged))
@@ -53,7 +53,7 @@ def read_index(bag: Bag, topics: Topics) -> Index:
                 tf.add(each.child_frame_id.lstrip("/"), frame_of(each), seconds, each.transform)
         else:
             is_odometry = bag.topics[topic] == ODOMETRY
-            child = message.child_frame_id.lstrip("/") if is_odometry else ""
+            child = message.child_frame_id.lstrip("/") if is_odometry else None
             pose = message.pose.pose if is_odometry else message.pose
             poses.append((topic, child, frame_of(message), stamp(message) / 1e9, pose))
     for topic in images:
@@ -62,7 +62,7 @@ def read_index(bag: Bag, topics: Topics) -> Index:
             raise DatasetError(f"{bag.path}: {topic} has lost its messages; copy the bag again{without}")
     others = {topic: Transforms(bag.path) for topic in topics.poses}
     for topic, child, parent, seconds, pose in poses:
-        others[topic].add(child or frames[topics.depth], parent, seconds, pose)
+        others[topic].add(frames[topics.depth] if child is None else child, parent, seconds, pose)
     depth = _named(moments[topics.depth], f"{bag.path}: {topics.depth}")
     colors = _nearest(depth, moments[topics.color]) if topics.color else {}
     return Index(depth, colors, frames, tf, others)

@@ -121,7 +121,7 @@ def camera_chain(
     chain = tf.chain(camera)
     if not any(child in other._moving for child in chain[:-1]):
         raise DatasetError(
-            f"{origin}: {topic} is of frame {', '.join(other._moving)}, and nothing leads from there to the camera's, "
+            f"{origin}: {topic} is of frame {', '.join(other._moving) or 'without a name'}, and nothing leads from there to the camera's, "
             f"{camera}; tf has {' < '.join(chain)}"
         )
     if world and world not in chain:

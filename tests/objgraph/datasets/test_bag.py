@@ -149,13 +149,14 @@ def test_the_world_is_the_topmost_or_the_one_named(tmp_path, caplog):
         load(tmp_path, world_frame="earth")
 
 
-def test_odometry_of_a_frame_that_the_camera_is_not_on_is_no_pose(tmp_path):
+@pytest.mark.parametrize(("child", "named"), [("base_link", "base_link"), ("", "without a name")])
+def test_odometry_of_a_frame_that_the_camera_is_not_on_is_no_pose(tmp_path, child, named):
     with BagWriter(tmp_path / "run.bag") as bag:
         stamps = write_frames(bag, toy_scan())
         for k, stamp in enumerate(stamps):
-            bag.pose("/odom", stamp, "odom", pose(k), "base_link")
+            bag.pose("/odom", stamp, "odom", pose(k), child)
     write_masks(tmp_path, toy_scan(), stamps)
-    with pytest.raises(DatasetError, match=rf"/odom is of frame base_link, .* the camera's, {CAMERA}"):
+    with pytest.raises(DatasetError, match=rf"/odom is of frame {named}, .* the camera's, {CAMERA}"):
         load(tmp_path)
 
 
