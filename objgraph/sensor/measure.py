@@ -101,7 +101,7 @@ def measure_sensor(
     if clouds:
         clouds, T_world_camera, pairs = _connected(clouds, T_world_camera, config, tell)
     if len(pairs) < _ENOUGH_PAIRS:
-        within = np.concatenate(close)
+        within = np.concatenate([np.zeros(0, bool), *close])
         raise DatasetError(
             f"{len(pairs)} pairs of {len(chosen)} frames overlap by {OVERLAP:.0%}, {_ENOUGH_PAIRS} are due: look at more frames "
             f"(--frames), or from nearer: {within.mean() if len(within) else 0:.0%} of the depth is within {MAX_DEPTH} m, "

@@ -82,7 +82,7 @@ def test_depth_that_is_too_far_is_said(room: list[Frame], capfd: pytest.CaptureF
     some = [replace(room[0], depth=np.where(room[0].depth > 2, 5.0, room[0].depth)), *far]
     none = [replace(frame, depth=np.zeros_like(frame.depth)) for frame in far]
     near = np.count_nonzero((room[0].depth > 0) & (room[0].depth <= 2)) / (4 * room[0].depth.size)
-    for frames, share in ((far, 0.0), (some, near), (none, 0.0)):
+    for frames, share in ((far, 0.0), (some, near), (none, 0.0), ([], 0.0)):
         with pytest.raises(DatasetError, match=f"or from nearer: {share:.0%} of the depth is within 3.5 m"):
             measure_sensor(ListedFrames(frames), FEW)
     assert "Open3D" not in "".join(capfd.readouterr())
