@@ -114,8 +114,9 @@ class _Agreement:
         u, v = np.round(b.intrinsics.project(p_b)).T
         inside = (u >= 0) & (u < b.intrinsics.width) & (v >= 0) & (v < b.intrinsics.height)
         seen = b.depth[v[inside].astype(int), u[inside].astype(int)]
-        past = (seen - p_b[inside, 2])[seen > 0]
-        tolerance = _TOLERANCE * np.maximum(1.0, seen[seen > 0])
+        known = np.isfinite(seen) & (seen > 0)
+        past = (seen - p_b[inside, 2])[known]
+        tolerance = _TOLERANCE * np.maximum(1.0, seen[known])
         shown = past >= -tolerance  # the others are hidden behind something
         self._off.append(np.abs(past[shown]))
         self._found.append((past <= tolerance)[shown])
@@ -200,6 +201,6 @@ def _points(frame: Frame) -> Float[np.ndarray, "n 3"]:
     """Some of a frame's points, in its camera."""
     v, u = np.mgrid[: frame.depth.shape[0] : _STRIDE, : frame.depth.shape[1] : _STRIDE]
     depth = frame.depth[v, u]
-    known = depth > 0
+    known = np.isfinite(depth) & (depth > 0)
     known &= depth < max(_MAX_DEPTH, 2 * float(np.median(depth[known])) if known.any() else 0.0)
     return frame.intrinsics.backproject(u[known], v[known]) * depth[known][:, None]

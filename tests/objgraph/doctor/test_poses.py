@@ -1,4 +1,4 @@
-"""Poses of a camera that is turned more than moved."""
+"""Poses of a camera that is turned more than moved, and depth that is infinite where there is none."""
 
 from dataclasses import replace
 
@@ -55,3 +55,16 @@ def test_a_short_path_in_centimetres(scan, frames):
     (finding,) = findings(scan, larger)
     assert "the poses look written in centimetres" in finding.what
     assert finding.do == "write their translations in metres"
+
+
+def test_infinite_depth_is_none(scan, frames):
+    """As it is where a custom loader or a simulator says that nothing came back."""
+    far = [np.where(frame.depth > 2.5, np.inf, frame.depth) for frame in frames]
+    shown = [replace(frame, depth=depth) for frame, depth in zip(frames, far, strict=True)]
+    without = [
+        replace(frame, depth=np.where(np.isfinite(depth), depth, 0.0))
+        for frame, depth in zip(frames, far, strict=True)
+    ]
+    rows = [examine_poses(look(replace(scan, frames=ListedFrames(each)))).rows for each in (shown, without)]
+    assert rows[0] == rows[1]
+    assert rows[0][1][0] == "agreement"
