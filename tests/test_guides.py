@@ -11,6 +11,7 @@ from gtsam.symbol_shorthand import X
 
 import objgraph
 from objgraph.datasets import registry, scannet
+from objgraph.datasets.files import decode_depth
 from objgraph.slam.odometry import OdometryNoise
 from objgraph.synthetic.camera import CameraConfig
 from objgraph.synthetic.sample import SampleConfig, generate_sample
@@ -85,6 +86,17 @@ def test_a_folder_is_written(scan, tmp_path):
         np.testing.assert_allclose(written.depth, frame.depth, atol=6e-4)
         np.testing.assert_allclose(written.T_world_camera, frame.T_world_camera, atol=1e-6)
         np.testing.assert_array_equal(written.instances, frame.instances)
+
+
+def test_depth_that_16_bits_do_not_hold_is_none(tmp_path):
+    """A simulator's sky, and what a sensor has not measured."""
+    names = run("datasets.md", "write_frame")
+    depth = np.array([[1000.0, 70.0, np.nan, np.inf, -1.0, 0.0, 2.0, 64.9]])
+    names["write_frame"](
+        tmp_path, "0", depth, np.zeros((1, 8), int), np.eye(4), np.zeros((1, 8, 3), np.uint8)
+    )
+    written = (tmp_path / "depth" / "0.png").read_bytes()
+    np.testing.assert_allclose(decode_depth(written, "0.png", 1000.0), [[0, 0, 0, 0, 0, 0, 2, 64.9]])
 
 
 def test_a_format_of_ones_own(scan, tmp_path, monkeypatch):
