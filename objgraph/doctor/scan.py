@@ -81,17 +81,20 @@ def _fullest(seen: Seen) -> int:
 
 @contextmanager
 def _warnings() -> Iterator[list[logging.LogRecord]]:
-    """The loaders' warnings, kept in place of being printed."""
+    """The loaders' warnings, kept in place of being printed, be they wanted elsewhere or not."""
     records: list[logging.LogRecord] = []
     handler = logging.Handler(logging.WARNING)
     handler.emit = records.append
     loaders = logging.getLogger("objgraph.datasets")
     propagated, loaders.propagate = loaders.propagate, False
+    level = loaders.level
+    loaders.setLevel(logging.WARNING)
     loaders.addHandler(handler)
     try:
         yield records
     finally:
         loaders.removeHandler(handler)
+        loaders.setLevel(level)
         loaders.propagate = propagated
 
 

@@ -1,5 +1,6 @@
 """What the loaders of users' own data warn of, masks of no frame among it, and frames that have cameras of their own."""
 
+import logging
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -56,6 +57,19 @@ def test_masks_of_images_without_depth_are_nobodys_fault(tmp_path):
     nerfstudio = write_nerfstudio(tmp_path / "nerfstudio", toy_scan())
     edit(nerfstudio / "transforms.json", lambda c: c["frames"][1].pop("depth_file_path"))
     assert not found("nerfstudio", nerfstudio, "masks")
+
+
+def test_warnings_that_nobody_wants_to_see_are_found(tmp_path):
+    folder = write_plain_folder(tmp_path, toy_scan())
+    (folder / "masks" / "lost.png").write_bytes(b"")
+    program = logging.getLogger("objgraph")
+    level = program.level
+    program.setLevel(logging.ERROR)
+    try:
+        (unused,) = found("folder", folder, "masks")
+    finally:
+        program.setLevel(level)
+    assert "1 masks have no depth image of their name: lost" in unused.what
 
 
 def test_what_to_do_is_that_of_the_warning(tmp_path):
