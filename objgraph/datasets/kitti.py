@@ -2,7 +2,8 @@
 
 The layout is the benchmark's own, `training/{velodyne,calib,image_2,label_2}/NNNNNN.*`; beside it `detections/NNNNNN.txt`
 in the result format that OpenPCDet and MMDetection3D write, and, where somebody segmented the pictures,
-`masks/NNNNNN.png` whose values are the lines of the detections' file, from 1 on.
+`masks/NNNNNN.png` whose values are the numbers of the detections in their file, from 1 on; empty lines and `DontCare`
+do not count.
 
 The world is the rectified frame of camera 0 (x right, y down, z ahead), as in the labels.
 """
