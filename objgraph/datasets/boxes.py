@@ -31,6 +31,8 @@ _TOP_SLAB = 0.1
 _BOX_ERROR = 0.02
 _BOX_FROM_OBJECT = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
 """Columns: the object's x (sideways), y (up) and z (away from its front) in the box's axes."""
+_SQUARE = 1e-2
+"""By which the products of a box' axes may be off, as text rounds them."""
 _HALF_TURNS = ("table",)
 """Which way these face is a convention of whoever drew the box."""
 
@@ -140,6 +142,8 @@ def true_boxes(path: Path) -> dict[int, TrueBox]:
 def _box(entry: dict[str, Any], category: str) -> ObjectBox:
     pose = np.eye(4)
     pose[:3, :3] = numbers(entry["rotation"], 3, 3)
+    if np.abs(pose[:3, :3].T @ pose[:3, :3] - np.eye(3)).max() > _SQUARE:
+        raise ValueError(f"the box of object {entry['id']} has axes that are no unit vectors at right angles")
     pose[:3, 3] = numbers(entry["centre"], 3)
     size = numbers(entry["size"], 3)
     if not (size > 0).all():

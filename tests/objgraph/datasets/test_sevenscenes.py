@@ -109,6 +109,7 @@ def test_damaged_files_are_named(tmp_path):
         lambda c: c.update(up=[0, 1]),
         lambda c: c["objects"][0].pop("size"),
         lambda c: c["objects"][0].update(rotation=[1, 2]),
+        lambda c: c["objects"][0].update(rotation=(2 * np.eye(3)).tolist()),
         lambda c: c["objects"][0].pop("label"),
     ],
 )
