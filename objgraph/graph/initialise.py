@@ -99,7 +99,11 @@ def first_states(
         raise ObservationError("to place an object by its views, say which way is up (up_world=...)")
     if prior.guess is not None:
         first, *others = proposals(prior, views, builder.up_world, builder.floor)
-        likely = [first, *(each for each in others if each.probability >= config.least_chance)]
+        # one that the guess holds for impossible has no chance, however little is asked for
+        likely = [
+            first,
+            *(each for each in others if each.probability >= config.least_chance and each.probability > 0),
+        ]
         return FirstStates(tuple(each.state for each in likely), tuple(each.probability for each in likely))
     states = guesses(prior, views, builder.up_world, builder.floor, config)
     best, tried = rank(prior, views, states, builder, config, box)

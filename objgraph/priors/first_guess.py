@@ -131,7 +131,8 @@ def modes(probability: Float[np.ndarray, "h"]) -> list[tuple[int, float]]:
     while (left >= 0).any():
         peak = int(left.argmax())
         about = (peak + reach) % count
-        found.append((peak, float(left[about].clip(0).sum())))
+        # of single precision's probabilities the sum may be a hair above one
+        found.append((peak, min(float(left[about].clip(0).sum()), 1.0)))
         left[about] = -1.0
     return sorted(found, key=lambda mode: -mode[1])
 

@@ -5,18 +5,22 @@ from dataclasses import replace
 import gtsam
 import numpy as np
 import pytest
+import torch
 
 from factors.state import ObjectState
 from objgraph.errors import InitialisationError
+from objgraph.estimate.task import EstimationTask, unusable
 from objgraph.graph import initialise
 from objgraph.graph.builder import GraphConfig, ObjectBuilder
 from objgraph.graph.initialise import (
     InitialisationConfig,
+    first_states,
     guesses,
     rank,
 )
 from objgraph.graph.solve import Problem, SolverConfig
 from objgraph.observation.sampling import ObjectView, SamplingConfig, observe
+from objgraph.priors.first_guess import FirstGuess, FirstGuessConfig
 from objgraph.priors.mesh import extract_mesh
 from tests.objgraph.observation.test_gravity_box import cuboid, turned
 from tests.toys import ToyDecoder, toy_frame, toy_prior, toy_state
@@ -181,3 +185,27 @@ def test_the_graph_of_one_object_has_its_views_and_priors():
         assert problem.graph.size() == 3 + 2 + rays_from_below
         assert len(problem.factors) == 2 + rays_from_below  # both views are in one of each kind
         assert all(isinstance(factor.decoder, ToyDecoder) for factor in problem.factors)
+
+
+class Told(FirstGuess):
+    """Says of the headings what it is told."""
+
+    def __init__(self, log_probability: np.ndarray) -> None:
+        super().__init__(FirstGuessConfig(code_length=4, heading_width=16, place_width=16, hidden=16))
+        self.said = torch.from_numpy(log_probability).float()[None]
+
+    def forward(self, points, size):
+        return replace(super().forward(points, size), log_probability=self.said)
+
+
+@pytest.mark.parametrize("least", [0.0, 0.03])
+def test_a_first_guess_that_is_sure_is_taken(least):
+    """Its probabilities are single precision's: those of one heading add up to a little more than one, others' are nothing."""
+    sure = np.full(16, -300.0)
+    sure[:2] = 0.0, -17.0
+    view = observe(toy_frame([toy_state()], 0.3), 1, SAMPLING)
+    prior = replace(toy_prior(), guess=Told(sure).requires_grad_(False))
+    first = first_states(prior, [view], ObjectBuilder(up_world=UP), InitialisationConfig(least_chance=least))
+    assert first.chances == (1.0,)
+    task = EstimationTask("chair", prior, first.states, (view,), UP, chances=first.chances)
+    assert unusable(task) is None

@@ -63,6 +63,14 @@ def test_every_heading_is_of_one_mode(count: int, seed: int) -> None:
     assert min(p[heading] - chance for heading, chance in found) <= 1e-12
 
 
+@settings(max_examples=50, deadline=None)
+@given(st.floats(0, 200), st.integers(0, 2**31))
+def test_no_mode_is_more_than_certain(surer: float, seed: int) -> None:
+    logits = torch.from_numpy(surer * np.random.default_rng(seed).normal(size=16)).float()
+    found = modes(logits.log_softmax(dim=-1).exp().double().numpy())
+    assert all(0 <= chance <= 1 for _, chance in found)
+
+
 @pytest.mark.parametrize("config", KINDS)
 def test_looking_from_another_heading_on_says_the_same_of_each(config: FirstGuessConfig) -> None:
     torch.manual_seed(0)
