@@ -149,14 +149,14 @@ def measure(job: FrameJob) -> Iterator[BoxRow]:
     comparison = job.comparison
     blank = BoxRow(job.method, job.frame, 0, job.settings, version=job.version)
     try:
-        frame = load_frame(comparison.root, job.frame)
+        frame, true = load_frame(comparison.root, job.frame), load_labels(comparison.root, job.frame)
     except DatasetError as error:
         for i in detection_ids(comparison.root, job.frame):
             yield replace(blank, detection=i, failure=str(error))
         return
     labels = [
         LabelledBox(i, CATEGORIES[box.type], box.T_rect_object, box.size)
-        for i, box in enumerate(load_labels(comparison.root, job.frame), 1)
+        for i, box in enumerate(true, 1)
         if box.type in CATEGORIES
     ]
     # by the detections as they are: with any noise the same objects are compared
