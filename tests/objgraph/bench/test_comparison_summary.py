@@ -9,7 +9,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from objgraph.bench.comparison.objects.summary import WORST, paired, summarize
+from objgraph.bench.comparison.writing.behind import behind_table
 from objgraph.bench.comparison.writing.bootstrap import Resamples, weighted_medians
+from objgraph.bench.comparison.writing.grid import ranged
 from tests.objgraph.bench.comparison_fakes import row
 
 
@@ -47,6 +49,17 @@ def test_a_single_shape_has_no_interval():
     assert Resamples(["a", "a"]).mean(np.array([0.0, 1.0])) == (0.5, None)
     chosen = np.array([True, True, False, False])
     assert Resamples(["a", "a", "b", "c"]).mean(np.arange(4.0), chosen) == (0.5, None)
+
+
+def test_a_failure_of_a_single_shape_is_told_as_infinite():
+    """And not as a figure that there is none of, which the graph could not be behind by."""
+    rows = [row("graph", failure="lost"), row("ours", **good("chair-0", 0.01))]
+    entries = summarize(rows, ["graph", "ours"])
+    failed, found = entries
+    assert ranged(failed, "median_chamfer_m", 100, 1) == "∞ [∞, ∞]"
+    assert ranged(failed, "seconds", 1, 1) == "-"
+    assert ranged(found, "median_chamfer_m", 100, 1) == "1.0"
+    assert "| Chamfer (cm) | ours | 1.0 | graph | ∞ |" in behind_table({"One": {"rows": entries}}).markdown()
 
 
 def test_a_subset_that_some_draws_miss():

@@ -42,13 +42,15 @@ class Resamples:
     def median(
         self, values: Float[np.ndarray, "n"], where: Bool[np.ndarray, "n"] | None = None
     ) -> tuple[float | None, Interval]:
-        """The same of the median; values may be infinite, and so may be what comes out."""
+        """The same of the median; values may be infinite, and so may be what comes out: its interval is then never None, by which
+        JSON tells it from what there is none of."""
         chosen = np.ones(len(values), bool) if where is None else where
         if not chosen.any():
             return None, None
         weights, part = self.weights[:, chosen], values[chosen]
-        drawn = weights.sum(axis=1) > 0
-        return float(np.median(part)), self._interval(weighted_medians(part, weights[drawn]), chosen)
+        drawn, middle = weights.sum(axis=1) > 0, float(np.median(part))
+        interval = self._interval(weighted_medians(part, weights[drawn]), chosen)
+        return middle, (middle, middle) if interval is None and math.isinf(middle) else interval
 
     def _interval(self, samples: Float[np.ndarray, "b"], chosen: Bool[np.ndarray, "n"]) -> Interval:
         """The middle 95 %; None where a single shape is chosen, of which nothing can be said."""
