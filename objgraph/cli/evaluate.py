@@ -52,6 +52,8 @@ def run_evaluate(command: EvaluateCommand, console: Console, line: str) -> dict[
 
 def _objects(command: EvaluateCommand, console: Console) -> Report:
     """Tables I and II, or the calibration of the same rows; of boxes how well they agree."""
+    if command.calibration and command.stability:
+        raise EvaluationError("--calibration and --stability exclude each other: give one of them")
     comparison = _comparison(command)
     boxes = has_boxes(command.dataset)
     if boxes and (command.calibration or command.stability):
@@ -77,8 +79,10 @@ def _boxes(command: EvaluateCommand, console: Console) -> Report:
     """Table III: boxes of single scans."""
     if command.root is None:
         raise EvaluationError(f"data set '{KITTI}': --root must name its folder")
-    if command.calibration:
-        raise EvaluationError(f"data set '{KITTI}': --calibration is for data sets with true shapes")
+    if command.calibration or command.stability:
+        raise EvaluationError(
+            f"data set '{KITTI}': --calibration and --stability are for data sets with true shapes"
+        )
     if not 0.0 <= command.detector_noise < float("inf"):
         raise EvaluationError(f"--detector-noise takes a number from 0 on, not {command.detector_noise}")
     _check_writable(command.figures)

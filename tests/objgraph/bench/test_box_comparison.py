@@ -198,6 +198,7 @@ def test_the_command_writes_table_three(street, tmp_path, capsys):
             "no detection is near enough",
         ),
         (["--calibration"], "for data sets with true shapes"),
+        (["--stability"], "for data sets with true shapes"),
     ],
 )
 def test_what_is_wrong_is_one_line(street, tmp_path, capsys, monkeypatch, more, message):

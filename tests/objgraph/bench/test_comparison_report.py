@@ -296,6 +296,12 @@ def test_methods_without_covariances_cannot_be_calibrated(command, capsys):
     assert "none of fails gives a covariance" in capsys.readouterr().err.replace("\n", " ")
 
 
+def test_two_reports_at_once_are_refused_before_the_work(command, tmp_path, capsys):
+    assert main([*command, "--calibration", "--stability"]) == 1
+    assert "exclude each other" in " ".join(capsys.readouterr().err.split())
+    assert not (tmp_path / "out").exists()
+
+
 def test_a_stopped_command_says_that_it_can_go_on(command, monkeypatch, capsys):
     def stop(*_args, **_values):
         raise KeyboardInterrupt
