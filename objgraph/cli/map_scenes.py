@@ -18,7 +18,10 @@ from objgraph.cli.run_config import CONFIG, LIDAR_DATASETS, MapRun, root_of
 from objgraph.datasets.registry import lidar_frames, scenes
 from objgraph.errors import ConfigError, DatasetError, MapError, ObjectGraphError
 from objgraph.maps.object_map import ObjectMap
+from objgraph.maps.pipeline import MappingConfig
+from objgraph.priors.store import load_prior_file
 from objgraph.show.report import REPORT
+from objgraph.trust.calibration import load_calibration
 from objgraph.work import Workers, spread
 
 log = logging.getLogger(__name__)
@@ -106,7 +109,7 @@ def _is_done(folder: Path, run: MapRun, name: str) -> bool:
     """Whether its page and, if there is anything to draw, its picture are there, which are written last.
 
     Raises:
-        MapError: other settings made it.
+        MapError: other settings made it, or a prior or calibration that was in a file of theirs before.
     """
     if not (folder / REPORT).is_file():
         return False
@@ -119,9 +122,27 @@ def _is_done(folder: Path, run: MapRun, name: str) -> bool:
     if not drawn or not isinstance(known, dict):
         return False
     wanted = json.loads(replace(run, source=replace(run.source, scene=name)).text())
-    if other := [key for key in wanted if key != "objgraph" and known.get(key) != wanted[key]]:
+    other = [key for key in wanted if key != "objgraph" and known.get(key) != wanted[key]]
+    if other := other or _made_anew(folder, run):
         raise MapError(f"{folder} holds a map of other {', '.join(other)}: give another --out, or delete it")
     return True
+
+
+def _made_anew(folder: Path, run: MapRun) -> list[str]:
+    """Settings that name a file which is not what it was when the map was made."""
+    calibration = run.settings.calibration if isinstance(run.settings, MappingConfig) else ""
+    if not run.settings.priors and not calibration:
+        return []
+    mapped, found = ObjectMap.load(folder).mapped, []
+    given = [load_prior_file(Path(path)) for path in run.settings.priors]
+    digests = {prior.category: prior.digest for prior in reversed(given)}  # of several the first serves
+    used = [each.prior for each in mapped if each.prior is not None]
+    if any(digests.get(each.name, each.hash) != each.hash for each in used):
+        found.append("priors")
+    said = {each.trust.calibration for each in mapped if each.trust is not None}
+    if calibration and said - {load_calibration(Path(calibration)).digest}:
+        found.append("calibration")
+    return found
 
 
 def _mapped(command: MapCommand) -> _Done | ObjectGraphError:

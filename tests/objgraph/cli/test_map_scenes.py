@@ -2,6 +2,7 @@
 
 import json
 import shutil
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -10,11 +11,19 @@ import pytest
 
 from objgraph.cli import map as map_command
 from objgraph.cli.main import main
+from objgraph.cli.run_config import MapRun, Source
 from objgraph.datasets import scannet
+from objgraph.maps import MappingConfig, ObjectMap
+from objgraph.maps.mapped_object import PriorReference
 from objgraph.observation.frames import Scan
+from objgraph.priors.registry import load_prior
+from objgraph.priors.store import save_prior
 from objgraph.synthetic.camera import CameraConfig
 from objgraph.synthetic.sample import SampleConfig, generate_sample
+from objgraph.trust import Trust, load_calibration
 from tests.objgraph.datasets.dataset_folders import write_plain_folder
+from tests.objgraph.maps.map_cases import mapped
+from tests.objgraph.trust.calibrations import calibration
 
 SAMPLE = SampleConfig(camera=CameraConfig(frames=4, width=160, height=120))
 FEW = ["--views", "1", "--mesh-resolution", "16", "--min-pixels", "40"]
@@ -84,6 +93,33 @@ def test_a_scan_that_fails_stops_no_other_and_is_tried_again(scans, tmp_path, ca
     # maps of other settings are not taken for these
     assert run(root, out, *every, "--seed", "9") == 1
     assert "holds a map of other settings" in capsys.readouterr().err.replace("\n", "")
+
+
+@pytest.mark.parametrize(("made_anew", "word"), [("calibration", "calibration"), ("prior", "priors")])
+def test_a_map_by_a_file_that_was_made_anew_is_not_taken_for_one_by_it(
+    made_anew, word, scans, tmp_path, capsys
+):
+    prior = load_prior("chair")
+    shown, known, listed = (tmp_path / name for name in ("prior.safetensors", "mine.json", "scenes.txt"))
+    save_prior(prior, shown)
+    calibration(prior.digest).save(known)
+    listed.write_text("a\n")
+    trust = Trust(0.75, 0.5, calibration=load_calibration(known).digest)
+    entry = mapped(prior=PriorReference("chair", prior.digest), trust=trust)
+    ObjectMap("a", (entry,), np.array([0.0, 0.0, 1.0])).save(tmp_path / "a")
+    settings = MappingConfig(priors=(str(shown),), calibration=str(known))
+    MapRun(Source("folder", scans, "a"), settings).save(tmp_path / "a")
+    for name in ("map.png", "report.html"):
+        (tmp_path / "a" / name).touch()
+    every = ["--scenes", str(listed), "--priors", str(shown), "--calibration", str(known)]
+    assert run(scans, tmp_path, *every) == 0
+    assert "a: " not in capsys.readouterr().out
+    if made_anew == "prior":
+        save_prior(replace(prior, code_mean=prior.code_mean + 0.1), shown)
+    else:
+        calibration("of another prior").save(known)
+    assert run(scans, tmp_path, *every) == 1
+    assert f"holds a map of other {word}:" in capsys.readouterr().err.replace("\n", " ")
 
 
 def test_a_page_that_was_made_after_a_stop_does_not_make_a_scan_done(scans, tmp_path, capsys):
