@@ -65,7 +65,7 @@ class ObjectState:
         checks.instance("ObjectState.T_world_object", self.T_world_object, gtsam.Pose3)
         for name, shape in (("log_scale", (3,)), ("code", (None,))):
             found = checks.array(f"ObjectState.{name}", getattr(self, name), shape, finite=False)
-            object.__setattr__(self, name, found)
+            object.__setattr__(self, name, found.astype(float))
 
     @classmethod
     def from_values(cls, values: gtsam.Values, keys: ObjectKeys) -> "ObjectState":
@@ -88,14 +88,14 @@ class ObjectState:
             if values.exists(key):
                 raise FactorError(f"the key {readable_key(key)} is already in the values")
         values.insert(keys.pose, self.T_world_object)
-        values.insert(keys.log_scale, np.asarray(self.log_scale, dtype=float))
-        values.insert(keys.code, np.asarray(self.code, dtype=float))
+        values.insert(keys.log_scale, self.log_scale)
+        values.insert(keys.code, self.code)
 
     def update(self, values: gtsam.Values, keys: ObjectKeys) -> None:
         """Overwrite the state that `values` holds under `keys`."""
         values.update(keys.pose, self.T_world_object)
-        values.update(keys.log_scale, np.asarray(self.log_scale, dtype=float))
-        values.update(keys.code, np.asarray(self.code, dtype=float))
+        values.update(keys.log_scale, self.log_scale)
+        values.update(keys.code, self.code)
 
     def retract(self, delta: Float[np.ndarray, "9+l"]) -> "ObjectState":
         """Move along the tangent [rotation, translation, log-scale, code], pose in the body frame."""

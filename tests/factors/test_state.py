@@ -1,10 +1,12 @@
 import gtsam
 import numpy as np
 import pytest
+import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
 from factors.errors import FactorError
+from factors.sdf import MetricSdf
 from factors.state import ObjectKeys, ObjectState
 from tests.factors.conftest import CODE_LENGTH, random_state
 
@@ -57,3 +59,15 @@ def test_taken_keys_are_named(keys):
     state.insert(values, keys)
     with pytest.raises(FactorError, match="o0"):
         state.insert(values, keys)
+
+
+@pytest.mark.parametrize("dtype", [np.int64, np.uint8, np.float32])
+def test_numbers_of_another_kind_are_those_of_double_precision(dtype):
+    one, other = (
+        ObjectState(gtsam.Pose3(), np.full(3, log_scale, dtype), np.full(4, log_scale, dtype))
+        for log_scale in (1, 0)
+    )
+    np.testing.assert_array_equal(one.local_coordinates(other), [*np.zeros(6), *np.full(7, -1.0)])
+    np.testing.assert_array_equal(one.scale, np.full(3, np.e))
+    metric = MetricSdf.of(torch.eye(3), one)
+    np.testing.assert_allclose(metric.at(other), 1.0, rtol=1e-6)
