@@ -72,7 +72,7 @@ class ObjectState:
         """Raises FactorError where one of the keys is not in the values, or is of something else."""
         try:
             return cls(values.atPose3(keys.pose), values.atVector(keys.log_scale), values.atVector(keys.code))
-        except RuntimeError as error:
+        except (RuntimeError, FactorError) as error:  # another kind of value, or another shape
             names = ", ".join(readable_key(key) for key in keys)
             raise FactorError(f"the values hold no object at {names}: {str(error).strip()}") from error
 

@@ -71,3 +71,12 @@ def test_numbers_of_another_kind_are_those_of_double_precision(dtype):
     np.testing.assert_array_equal(one.scale, np.full(3, np.e))
     metric = MetricSdf.of(torch.eye(3), one)
     np.testing.assert_allclose(metric.at(other), 1.0, rtol=1e-6)
+
+
+def test_values_of_another_shape_are_named_by_their_keys(keys):
+    values = gtsam.Values()
+    values.insert(keys.pose, gtsam.Pose3())
+    values.insert(keys.log_scale, np.zeros(2))
+    values.insert(keys.code, np.zeros(CODE_LENGTH))
+    with pytest.raises(FactorError, match=r"no object at o0, s0, z0: .*log_scale has shape \(2,\)"):
+        ObjectState.from_values(values, keys)
