@@ -120,8 +120,10 @@ class MetricSdf(NamedTuple):
     def of(cls, d_point: Float[Tensor, "n 3"], state: ObjectState) -> "MetricSdf":
         """Where the decoder has these gradients."""
         scale = torch.as_tensor(state.scale, dtype=torch.float64, device=d_point.device)
-        normal = torch.nn.functional.normalize(d_point.double() / scale, dim=1)
-        return cls(metres_per_unit(d_point, state).double(), normal.square(), np.array(state.log_scale))
+        normal = torch.nn.functional.normalize(d_point.double() / scale, dim=1, eps=1e-300)
+        flat = d_point.norm(dim=1, keepdim=True) == 0  # no direction: as in `metres_per_unit` the axes' mean
+        share = torch.where(flat, 1 / 3, normal.square())
+        return cls(metres_per_unit(d_point, state).double(), share, np.array(state.log_scale))
 
     def at(self, state: ObjectState) -> Float[Tensor, "n"]:
         """Metres per canonical unit at another scale, to first order in its logarithm."""

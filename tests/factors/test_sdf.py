@@ -4,6 +4,8 @@ import gtsam
 import numpy as np
 import pytest
 import torch
+from hypothesis import given
+from hypothesis import strategies as st
 
 from factors.sdf import MetricSdf, metres_per_unit, propagated_variance, query_points, sdf_jacobian
 from factors.state import ObjectState
@@ -98,6 +100,26 @@ def test_metres_follow_the_scale():
     analytic = frozen.jacobian(state, jet.value, sdf_jacobian(query, jet, camera=True)).numpy()
     numeric = numerical_jacobian(metric, state, camera, analytic.shape[1])
     assert np.abs(analytic - numeric).max() < 1e-5 * np.abs(numeric).max()
+
+
+@given(
+    st.lists(st.floats(-2, 2), min_size=3, max_size=3),
+    st.lists(st.floats(-1, 1), min_size=3, max_size=3),
+    st.sampled_from([0.0, 1e-30, 1e-15, 0.3, 1.0, 5.0]),
+)
+def test_metres_have_the_derivative_of_their_scale_however_flat_the_decoder_is(log_scale, by, slope):
+    state = ObjectState(gtsam.Pose3(), np.array(log_scale), np.zeros(CODE_LENGTH))
+    d_point = slope * torch.tensor([[1.0, 2.0, -2.0], [0.0, 1.0, 0.0]], dtype=torch.float64) / 3
+    frozen = MetricSdf.of(d_point, state)
+
+    def refrozen(step: float) -> torch.Tensor:
+        moved = replace(state, log_scale=state.log_scale + step * np.array(by))
+        return MetricSdf.of(d_point, moved).metres.log()
+
+    slopes = (refrozen(1e-5) - refrozen(-1e-5)) / 2e-5
+    np.testing.assert_allclose(frozen.share @ torch.tensor(by, dtype=torch.float64), slopes, atol=1e-8)
+    grown = replace(state, log_scale=state.log_scale + 0.7)
+    np.testing.assert_allclose(frozen.at(grown), MetricSdf.of(d_point, grown).metres)
 
 
 def test_growing_an_object_and_shrinking_its_shape_leaves_residuals_as_they_are():
