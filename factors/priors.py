@@ -10,6 +10,8 @@ from factors.state import LOG_SCALES, ObjectKeys
 
 UPRIGHT_DEG = 65.0
 """Lean from which an optimiser still finds the upright pose by `upright_prior` alone."""
+_ILL_CONDITIONED = 1e6
+"""Ratio of a covariance's variances from which on GTSAM's own root of its inverse is not to be had."""
 
 
 def code_prior(
@@ -22,7 +24,7 @@ def code_prior(
     """
     mean = checks.reals("the mean code", mean, (None,))
     covariance = checks.covariance("the codes' covariance", covariance, len(mean))
-    return gtsam.PriorFactorVector(_keys(keys).code, mean, gtsam.noiseModel.Gaussian.Covariance(covariance))
+    return gtsam.PriorFactorVector(_keys(keys).code, mean, _gaussian(covariance))
 
 
 def scale_covariance(size_sigma: float, anisotropy_sigma: float) -> Float[np.ndarray, "3 3"]:
@@ -36,16 +38,17 @@ def scale_prior(
 ) -> gtsam.NonlinearFactor:
     """The object is as large as its category's are, and its three scales are nearly equal.
 
-    `size_sigma` is the standard deviation of the mean log-scale, `anisotropy_sigma` of each axis about it. As of all
-    priors here, FactorError says which number is none, or a standard deviation that is not positive.
+    `size_sigma` is the standard deviation of the mean log-scale, `anisotropy_sigma` that along both directions across it.
+    As of all priors here, FactorError says which number is none, or a standard deviation that is not positive.
     """
     covariance = scale_covariance(
         _sigma("size_sigma", size_sigma), _sigma("anisotropy_sigma", anisotropy_sigma)
     )
-    mean = checks.number("mean_log_scale", mean_log_scale, LOG_SCALES)
-    return gtsam.PriorFactorVector(
-        _keys(keys).log_scale, np.full(3, mean), gtsam.noiseModel.Gaussian.Covariance(covariance)
+    covariance = checks.covariance(
+        "the log-scales' covariance, of size_sigma and anisotropy_sigma,", covariance, 3
     )
+    mean = checks.number("mean_log_scale", mean_log_scale, LOG_SCALES)
+    return gtsam.PriorFactorVector(_keys(keys).log_scale, np.full(3, mean), _gaussian(covariance))
 
 
 def upright_prior(keys: ObjectKeys, up_world: Float[np.ndarray, "3"], sigma: float) -> gtsam.NonlinearFactor:
@@ -81,6 +84,14 @@ def sized_prior(keys: ObjectKeys, log_scale: Float[np.ndarray, "3"], sigma: floa
     return gtsam.PriorFactorVector(
         _keys(keys).log_scale, mean, gtsam.noiseModel.Isotropic.Sigma(3, _sigma("size sigma", sigma))
     )
+
+
+def _gaussian(covariance: Float[np.ndarray, "n n"]) -> gtsam.noiseModel.Gaussian:
+    """Noise of a positive definite covariance, however unequal its variances are."""
+    if np.linalg.cond(covariance) < _ILL_CONDITIONED:
+        return gtsam.noiseModel.Gaussian.Covariance(covariance)
+    whitening = np.linalg.inv(np.linalg.cholesky(covariance))
+    return gtsam.noiseModel.Gaussian.SqrtInformation(np.linalg.qr(whitening, mode="r"))
 
 
 def _keys(keys: ObjectKeys) -> ObjectKeys:

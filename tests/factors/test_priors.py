@@ -1,7 +1,10 @@
 import gtsam
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
+from factors.errors import FactorError
 from factors.priors import (
     UPRIGHT_DEG,
     code_prior,
@@ -38,6 +41,34 @@ def test_priors_are_half_squared_mahalanobis_distances():
     off = state.log_scale - 0.15
     expected = 0.5 * off @ np.linalg.solve(scale_covariance(0.3, 0.05), off)
     assert scale_prior(KEYS, 0.15, 0.3, 0.05).error(values) == pytest.approx(expected)
+
+
+@given(st.integers(0, 10**6), st.integers(2, 12), st.floats(0, 12))
+def test_a_prior_of_codes_is_exact_however_unequal_their_variances_are(seed, length, decades):
+    """What collapsed when the codes were trained hardly varies; its directions are not the code's axes."""
+    rng = np.random.default_rng(seed)
+    axes, _ = np.linalg.qr(rng.normal(size=(length, length)))
+    variance = 10.0 ** -np.linspace(0, decades, length)
+    whitened = rng.normal(size=length)
+    values = gtsam.Values()
+    values.insert(KEYS.code, axes @ (np.sqrt(variance) * whitened))
+    prior = code_prior(KEYS, np.zeros(length), (axes * variance) @ axes.T)
+    assert prior.error(values) == pytest.approx(0.5 * whitened @ whitened, rel=1e-2)
+    information = prior.linearize(values).information()
+    back = axes.T @ information @ axes * np.sqrt(np.outer(variance, variance))
+    np.testing.assert_allclose(back, np.eye(length), atol=1e-2)
+
+
+@pytest.mark.parametrize("anisotropy_sigma", [1e-1, 1e-4, 1e-6])
+def test_scales_that_hardly_differ_count_as_they_should(anisotropy_sigma):
+    values, across = gtsam.Values(), np.array([1.0, -2.0, 1.0]) / np.sqrt(6)
+    values.insert(KEYS.log_scale, 0.3 + anisotropy_sigma * across)
+    assert scale_prior(KEYS, 0.0, 0.3, anisotropy_sigma).error(values) == pytest.approx(1.0, rel=1e-3)
+
+
+def test_scales_that_differ_by_less_than_can_be_told_are_refused():
+    with pytest.raises(FactorError, match=r"size_sigma and anisotropy_sigma, is not positive definite"):
+        scale_prior(KEYS, 0.0, 1.0, 1e-9)
 
 
 @pytest.mark.parametrize("tilt", [0.0, 0.02, 0.1])
