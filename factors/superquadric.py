@@ -14,7 +14,7 @@ from factors.errors import FactorError
 from factors.sdf_decoder import SdfDecoder
 
 SEMI_AXIS = 0.5 / 3**0.5
-"""Of every superquadric along x, y and z: a cube of diagonal 1 holds it; an object's extents are in its scale."""
+"""Of every superquadric along y, and along x and z half-way up: untapered, a cube of diagonal 1 holds it."""
 
 _ROUNDING = 1e-6
 """Added to squared coordinates (in semi-axes), so that logarithms have derivatives in the middle planes."""
