@@ -30,7 +30,8 @@ class Rays:
     """True where the ray ends on the object, False where it passes it."""
     end: Float[np.ndarray, "r"]
     """z-depth up to which the ray is, or without the object would be, seen: where the background or an occluder
-    begins. It says nothing about the object beyond."""
+    begins. It says nothing about the object beyond. Of a hit it is not known, and made infinite, where it is no more than the
+    hit's depth: a hit is seen that far at least."""
     sigma: Float[np.ndarray, "r"]
     """Standard deviation of what the ray says of the surface's place, metres."""
     origins_camera: Float[np.ndarray, "r 3"] | None = None
@@ -58,6 +59,7 @@ class Rays:
         }
         if np.isnan(found["end"]).any():
             raise FactorError("`end` of the rays must not be NaN: drop pixels without depth first")
+        found["end"][found["hit"] & (found["end"] <= found["depth"])] = np.inf
         for name, value in found.items():
             object.__setattr__(self, name, value)
 

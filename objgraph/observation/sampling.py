@@ -205,8 +205,7 @@ def observe(frame: Frame, instance: int, config: SamplingConfig | None = None, s
     hit = np.arange(len(directions)) < len(hits)
     at = np.concatenate([z[hits], nearest(depth, on_object)[free_v, free_u]])
     behind = nearest(depth, ~mask)[v[hits], u[hits]]
-    # a hit is seen up to its own depth at least, be there an occluder beside it
-    end = np.concatenate([np.where(behind > z[hits], behind, np.inf), depth[free_v, free_u]])
+    end = np.concatenate([behind, depth[free_v, free_u]])
     pixel = config.mask_sigma * at / frame.intrinsics.fx
     rays = Rays(directions, at, hit, end, np.hypot(config.noise(at), pixel))
     return ObjectView(

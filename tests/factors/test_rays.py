@@ -84,6 +84,14 @@ def test_bad_rays_are_refused(changes):
         _rays(**changes)
 
 
+@given(st.lists(st.floats(-1, 3), min_size=2, max_size=2))
+def test_a_hit_is_seen_up_to_its_depth_at_least(end):
+    """An occluder beside it, or the hit's own depth, is no end of what it says of the object."""
+    ends = np.array(end)
+    np.testing.assert_array_equal(_rays(end=ends).end, [np.inf if end[0] <= 1 else end[0], end[1]])
+    np.testing.assert_array_equal(ends, end)  # as they were given
+
+
 def test_a_part_of_the_rays_keeps_them_whole():
     rays = _rays().take(np.array([1]))
     assert not rays.hit[0]
