@@ -108,8 +108,8 @@ class DepthFactor(ObservationFactor):
         super().__init__(keys, decoder, camera, body_T_camera)
         self._rays = checks.instance("rays", rays, Rays)
         self._renderer = FullDistribution() if renderer is None else renderer
-        if not hasattr(self._renderer, "render"):
-            raise FactorError(f"a {type(renderer).__name__} is no renderer: FullDistribution() is one")
+        if isinstance(renderer, type) or not hasattr(self._renderer, "render"):
+            raise FactorError(f"{renderer!r} is no renderer: FullDistribution() is one")
         self._prior_sigma = checks.number("prior_sigma", prior_sigma, LENGTHS)
         self._share = checks.shares("the rays' share", share, len(self._rays.depth))
         self._sampling = (

@@ -365,6 +365,14 @@ def test_no_cell_lies_beyond_where_its_ray_ends():
     torch.testing.assert_close(last, ends)
 
 
+@pytest.mark.parametrize("renderer", ["full", Probabilistic])
+def test_what_is_no_renderer_is_refused(renderer):
+    with pytest.raises(FactorError, match="is no renderer"):
+        DepthFactor(
+            KEYS, make_decoder(), gtsam.Pose3(), make_rays(np.random.default_rng(0)), renderer=renderer
+        )
+
+
 def test_a_camera_that_the_values_do_not_hold_is_named():
     factor, values = problem("surface", "variable", seed=0)
     values.erase(X(3))
