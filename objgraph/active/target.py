@@ -16,7 +16,7 @@ from objgraph.covariance.labelled import ObjectCovariance
 from objgraph.covariance.surface import metric_sdf_jacobian
 from objgraph.errors import ActiveVisionError
 from objgraph.estimate.heading_modes import HeadingModesConfig
-from objgraph.priors.mesh import RESOLUTIONS
+from objgraph.priors.mesh import RESOLUTION, RESOLUTIONS
 from objgraph.priors.shape_prior import ShapePrior
 
 
@@ -66,7 +66,7 @@ def target(
     seen_from: Sequence[gtsam.Pose3] = (),
     turns: HeadingModes | None = None,
     points: int = 600,
-    resolution: int = 48,
+    resolution: int = RESOLUTION,
     seed: int = 0,
 ) -> Target:
     """What an estimate that was made from some views says of its surface, at that many points.

@@ -52,7 +52,7 @@ def seen_once(azimuth: float = 0.3) -> tuple[ObjectState, ObjectCovariance]:
 
 @pytest.fixture(scope="module")
 def chair() -> Target:
-    return target("chair 1", toy_prior(), *seen_once())
+    return target("chair 1", toy_prior(), *seen_once(), resolution=48)
 
 
 def scene_of(*meshes: tuple[np.ndarray, np.ndarray]) -> o3d.t.geometry.RaycastingScene:
@@ -179,7 +179,7 @@ def test_the_gain_is_that_of_the_information_added(chair):
     assert gain.surface == pytest.approx(spread[0] - spread[1])
     assert gain.seen == seen.mean()
     np.testing.assert_allclose(chair.surface_sigma**2, [J @ before @ J for J in chair.jacobian])
-    looser = target("chair 1", replace(toy_prior(), surface_misfit=3.0), *seen_once())
+    looser = target("chair 1", replace(toy_prior(), surface_misfit=3.0), *seen_once(), resolution=48)
     (of_looser,) = next_views([looser], [camera], ALONE)
     assert of_looser.objects["chair 1"].surface == pytest.approx(3 * gain.surface)
     assert of_looser.objects["chair 1"].information == pytest.approx(gain.information)
