@@ -14,7 +14,7 @@ from objgraph.active.surface_sample import SurfaceSample, sample_surface
 from objgraph.covariance.heading_modes import HeadingModes
 from objgraph.covariance.labelled import ObjectCovariance
 from objgraph.covariance.surface import metric_sdf_jacobian
-from objgraph.errors import ActiveVisionError
+from objgraph.errors import ActiveVisionError, SolveError
 from objgraph.estimate.heading_modes import HeadingModesConfig
 from objgraph.priors.mesh import RESOLUTION, RESOLUTIONS
 from objgraph.priors.shape_prior import ShapePrior
@@ -96,7 +96,10 @@ def target(
         root = np.linalg.inv(np.linalg.cholesky(covariance.matrix))
     except np.linalg.LinAlgError as error:
         raise ActiveVisionError(f"{name}: its covariance is not positive definite") from error
-    surface = sample_surface(prior, state, points, resolution, seed)
+    try:
+        surface = sample_surface(prior, state, points, resolution, seed)
+    except SolveError as error:
+        raise SolveError(f"{name}: {error}") from error
     corners = _corners(prior, state, surface)
     others = () if turns is None else other_headings(prior, state, surface, turns, corners, resolution, seed)
     return Target(

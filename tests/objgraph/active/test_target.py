@@ -8,6 +8,7 @@ import torch
 
 from objgraph.active.target import target
 from objgraph.covariance.labelled import ObjectCovariance
+from objgraph.errors import SolveError
 from tests.toys import ToyDecoder, toy_prior, toy_state
 
 COVARIANCE = ObjectCovariance.diagonal(np.full(13, 1e-4), "marginals")
@@ -28,6 +29,13 @@ class ThinLegged(ToyDecoder):
         return torch.stack(distances).amin(dim=0) + 0 * injected["0"][:, 0]
 
 
+class Nowhere(ToyDecoder):
+    """No surface at all."""
+
+    def _network(self, points, injected):
+        return 1.0 + 0 * injected["0"][:, 0] * points[:, 0]
+
+
 def test_a_table_stands_on_its_legs():
     """What falls through the grid is no part of the surface, and cameras look past the object."""
     state = replace(toy_state(), log_scale=np.zeros(3))
@@ -35,3 +43,8 @@ def test_a_table_stands_on_its_legs():
     assert np.ptp(state.to_object(table.vertices)[:, 1]) == pytest.approx(0.5, abs=0.01)
     assert table.centre[2] == pytest.approx(state.T_world_object.translation()[2], abs=0.01)
     assert (state.to_object(table.points)[:, 1] < 0.1).any()
+
+
+def test_an_object_without_a_surface_is_named():
+    with pytest.raises(SolveError, match=r"^chair 7: "):
+        target("chair 7", replace(toy_prior(), decoder=Nowhere()), toy_state(), COVARIANCE)
