@@ -113,7 +113,8 @@ class LabelledCovariance:
         table = Table(title=escape(f"{self.subject} ({self.source})".strip()))
         for label, justify in (("axis", "left"), ("std", "right"), ("goes along with", "left")):
             table.add_column(label, justify=justify, no_wrap=True)  # pyright: ignore[reportArgumentType]
-        others = self.correlation - np.eye(len(self.axes))
+        others = self.correlation
+        np.fill_diagonal(others, 0.0)
         for i, (axis, sigma) in enumerate(zip(self.axes, self.sigma, strict=True)):
             j = int(np.argmax(np.abs(others[i])))
             partner = f"{others[i, j]:+.2f} {self.axes[j].split(' ')[0]}" if others[i, j] else ""

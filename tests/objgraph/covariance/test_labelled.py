@@ -188,6 +188,15 @@ def test_the_table_names_every_axis_and_what_it_goes_along_with():
     assert "-0.80 translation_x" in text
 
 
+def test_in_the_table_what_does_not_vary_goes_along_with_nothing():
+    """... of an object whose size is held exactly."""
+    matrix = np.diag([1e-4] * 6 + [0.0] * 3)
+    console = Console(width=120, record=True)
+    with console.capture() as capture:
+        console.print(ObjectCovariance.of(matrix, "marginals").table())
+    assert "-1.00" not in capture.get()
+
+
 def test_fusing_an_estimate_with_itself_changes_nothing():
     state, covariance = some_state(), some_covariance()
     found, matrix = fused((state, covariance), (state, covariance), 0.3)
