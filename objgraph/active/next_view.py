@@ -254,7 +254,7 @@ def visible(
     depth = p_camera[:, 2]
     intrinsics = config.intrinsics
     seen = (depth > config.near) & (depth < config.far)
-    pixel = intrinsics.project(np.where(seen[:, None], p_camera, [[0.0, 0.0, 1.0]]))
+    pixel = np.round(intrinsics.project(np.where(seen[:, None], p_camera, [[0.0, 0.0, 1.0]])))
     seen &= (pixel >= 0).all(axis=1) & (pixel < [intrinsics.width, intrinsics.height]).all(axis=1)
     sight = surface.points - T_world_camera.translation()
     distance = np.linalg.norm(sight, axis=1)
