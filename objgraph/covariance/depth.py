@@ -86,8 +86,9 @@ def predicted_depth(
     objects are not in it.
 
     Raises:
-        CovarianceError: the covariance is not of this state, or the camera or a direction is none.
+        CovarianceError: the covariance is not of this state, or the decoder, the camera or a direction is none.
     """
+    checks.instance("decoder", decoder, SdfDecoder, CovarianceError)
     of_one_object(state, covariance)
     checks.pose("T_world_camera", T_world_camera, CovarianceError)
     directions_camera = checks.reals(

@@ -26,6 +26,7 @@ def surface_sigma(
     Raises:
         CovarianceError: the covariance is not of this state, or the points are none.
     """
+    checks.instance("state", state, ObjectState, CovarianceError)
     p_object = checks.reals("p_object", p_object, (None, 3), PLACES, CovarianceError)
     return metric_sdf(decoder, state, covariance, state.to_world(p_object))[1].numpy()
 

@@ -7,7 +7,10 @@ import torch
 
 from factors.sdf_decoder import SdfDecoder
 from factors.state import ObjectState
-from objgraph.covariance.surface import metric_sdf_jacobian
+from objgraph.covariance.depth import predicted_depth
+from objgraph.covariance.labelled import ObjectCovariance
+from objgraph.covariance.surface import metric_sdf_jacobian, surface_sigma
+from objgraph.errors import CovarianceError
 from tests.factors.conftest import CODE_LENGTH, SphereDecoder
 
 
@@ -45,3 +48,16 @@ def test_a_sphere_that_grows_comes_as_near_everywhere():
     np.testing.assert_allclose(jacobian[:, 6:9].sum(dim=1), -0.4 * 1.5, atol=1e-9)
     expected = numerical(SphereDecoder(), state, p_world)
     np.testing.assert_allclose(jacobian[:, 6:9].sum(dim=1), expected[:, 6:9].sum(axis=1), atol=1e-6)
+
+
+def test_what_is_no_decoder_or_no_state_is_told():
+    """Such as the prior in place of its decoder."""
+    state = ObjectState(gtsam.Pose3(), np.zeros(3), np.zeros(CODE_LENGTH))
+    covariance = ObjectCovariance.diagonal(np.full(9 + CODE_LENGTH, 1e-4), "marginals")
+    none, points = object(), np.array([[0.0, 0.0, 1.0]])
+    with pytest.raises(CovarianceError, match="decoder must be of type SdfDecoder"):
+        predicted_depth(none, state, covariance, gtsam.Pose3(), points)  # pyright: ignore[reportArgumentType]
+    with pytest.raises(CovarianceError, match="decoder must be of type SdfDecoder"):
+        surface_sigma(none, state, covariance, points)  # pyright: ignore[reportArgumentType]
+    with pytest.raises(CovarianceError, match="state must be of type ObjectState"):
+        surface_sigma(SphereDecoder(), none, covariance, points)  # pyright: ignore[reportArgumentType]
