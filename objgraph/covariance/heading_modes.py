@@ -21,7 +21,7 @@ class HeadingModes:
     """Of turns by 0, 90, 180 and 270 degrees.
 
     Raises:
-        CovarianceError: these are no probabilities.
+        CovarianceError: these are no probabilities, or states are kept of other than four turns.
     """
     states: tuple[ObjectState | None, ...] = ()
     """The object at each of them, of the shape that was likeliest there; empty where they were not kept."""
@@ -32,6 +32,10 @@ class HeadingModes:
         )
         if p.shape != (QUARTERS,) or not (p >= 0).all() or abs(p.sum() - 1) > 1e-6:
             raise CovarianceError(f"the probabilities of four quarter turns were expected, got {p}")
+        if len(self.states) not in (0, QUARTERS):
+            raise CovarianceError(
+                f"the states of four quarter turns were expected, or none, got {len(self.states)}"
+            )
         object.__setattr__(self, "probability", p)
 
     @staticmethod

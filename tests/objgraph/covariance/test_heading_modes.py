@@ -52,6 +52,15 @@ def test_what_could_not_be_solved_has_no_chance():
     np.testing.assert_allclose(found.probability, [0.5, 0, 0, 0.5])
 
 
+@pytest.mark.parametrize("count", [1, 2, 3, 5])
+def test_states_of_some_turns_alone_are_refused(count):
+    """Which of the four they are nobody could tell."""
+    with pytest.raises(
+        CovarianceError, match=f"states of four quarter turns were expected, or none, got {count}"
+    ):
+        HeadingModes(np.array([0.5, 0.0, 0.5, 0.0]), (toy_state(),) * count)
+
+
 @pytest.mark.parametrize("wrong", [[1, 0, 0], [0.5, 0.2, 0.2, 0.2], [1.2, -0.2, 0, 0], [np.nan, 0, 0, 1]])
 def test_what_is_no_distribution_is_refused(wrong):
     with pytest.raises(CovarianceError, match="probabilities"):
