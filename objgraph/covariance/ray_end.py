@@ -138,11 +138,14 @@ def _shift(
     move: Float[Tensor, "r"],
 ) -> Float[Tensor, "r"]:
     """By how much the surface moves along each ray with a standard deviation of the object's move: by as much, unless what
-    goes along with it, such as the size of an object whose seen side is known, undoes that there."""
+    goes along with it, such as the size of an object whose seen side is known, undoes that there.
+
+    A ray that passes the object ends on no surface whose slope would say how far that moves: it is as far as the object."""
     inside = sdf <= 0
-    place = torch.where(inside.any(dim=1), inside.int().argmax(dim=1), sdf.argmin(dim=1))[:, None]
+    place = inside.int().argmax(dim=1, keepdim=True)
     c, s = change.gather(1, place)[:, 0], slope.gather(1, place)[:, 0]
-    return (c * s + _GRAZING**2 * move) / (s.square() + _GRAZING**2)
+    shift = (c * s + _GRAZING**2 * move) / (s.square() + _GRAZING**2)
+    return torch.where(inside.any(dim=1), shift, move)
 
 
 def _beyond(

@@ -1,9 +1,12 @@
 """The depth that a camera would measure of an uncertain object."""
 
+from dataclasses import replace
+
 import gtsam
 import numpy as np
 import pytest
 import torch
+from scipy.stats import norm
 
 from factors.state import ObjectState
 from objgraph.covariance import depth as depth_module
@@ -124,6 +127,29 @@ def test_an_object_that_may_be_far_off_along_the_view_is_hit_there(along, across
         np.testing.assert_allclose(
             found.quantile(share), np.nanquantile(depth, share, axis=0), atol=0.003 + 0.05 * along
         )
+
+
+class CabinetDecoder(SphereDecoder):
+    """A box, 0.6 wide, 0.8 high and 0.4 deep."""
+
+    def _network(self, points, injected):
+        beyond = points.abs() - torch.tensor([0.3, 0.4, 0.2]).to(points)
+        outside = (beyond.clamp_min(0).square().sum(dim=1) + 1e-14).sqrt()
+        return outside + beyond.amax(dim=1).clamp_max(0) + 0 * injected["0"][:, 0]
+
+
+@pytest.mark.parametrize("samples", [64, 400])
+@pytest.mark.parametrize("along", [0.001, 0.005, 0.02])
+def test_rays_that_pass_an_outline_hit_as_often_as_it_comes_over_them(along, samples):
+    """However little the object may move along the view: half of rays at the outline, next to none at three deviations."""
+    state = replace(STATE, T_world_object=gtsam.Pose3(gtsam.Rot3(), np.array([0.0, 0.0, 2.2])))
+    beside = np.array([0.005, 0.01, 0.02, 0.04, 0.06])  # metres from the front's outline, which is 2 m away
+    rays = towards(*((0.3 + beside) / 2))
+    found = predicted_depth(
+        CabinetDecoder(), state, uncertain(along, across=0.02), CAMERA, rays, samples=samples
+    )
+    blurred = np.hypot(0.02, 0.00425)  # by the occupancy's slope
+    np.testing.assert_allclose(found.hit, norm.sf(beside / blurred), atol=0.02)
 
 
 @pytest.mark.parametrize("grows", [0.05, 0.1, 0.15])
