@@ -1,11 +1,11 @@
 """Processes of this machine that do not outlive their parent, and whose death is told."""
 
 import logging
+from collections import deque
 from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
-from functools import partial
 from multiprocessing import forkserver, get_all_start_methods, get_context
 from typing import Literal, TypeVar
 
@@ -47,8 +47,7 @@ def _in_processes(
     pieces: Iterable[tuple[int, Callable[[], Result]]], jobs: int, left: dict[int, Callable[[], Result]]
 ) -> Iterator[tuple[int, Result]]:
     """Results of the pieces; those that a process's death has left undone stay in `left`."""
-    level = logging.getLogger("objgraph").getEffectiveLevel()
-    with process_pool(jobs, ProcessError, begin=partial(listen, level)) as pool:
+    with process_pool(jobs, ProcessError) as pool:
         places: dict[Future[tuple[bytes, list[logging.LogRecord]]], int] = {}
         for place, work in pieces:
             left[place] = work
@@ -64,6 +63,20 @@ def _in_processes(
             yield places[future], result
 
 
+def in_order(pool: ProcessPoolExecutor, works: Iterable[Callable[[], Result]]) -> Iterator[Result]:
+    """What a pool makes of each piece of work, in their order; what is logged there is logged here.
+
+    Raises:
+        ProcessError: a result cannot be pickled, or an error that cannot be: it is named.
+    """
+    left = deque(pool.submit(heard, work) for work in works)
+    while left:
+        result = received(*left.popleft().result())
+        if isinstance(result, ProcessError):
+            raise result
+        yield result
+
+
 @contextmanager
 def process_pool(
     jobs: int,
@@ -73,12 +86,14 @@ def process_pool(
 ) -> Iterator[ProcessPoolExecutor]:
     """A pool of single-threaded processes; stopped (by Ctrl-C, or by an error) it does not wait for what is in progress.
 
-    `begin` is called first in each; what it holds is not sent to forked ones.
+    `in_order` gives it work. `begin` is called first in each; what it holds is not sent to forked ones.
 
     Raises:
         error: a process died.
     """
-    pool = ProcessPoolExecutor(jobs, get_context("fork" if start == "fork" else _copies()), _begin, (begin,))
+    level = logging.getLogger("objgraph").getEffectiveLevel()
+    context = get_context("fork" if start == "fork" else _copies())
+    pool = ProcessPoolExecutor(jobs, context, _begin, (level, begin))
     try:
         yield pool
     except BaseException as problem:
@@ -100,7 +115,8 @@ def _copies() -> Literal["forkserver", "spawn"]:
     return "forkserver" if "forkserver" in get_all_start_methods() else "spawn"
 
 
-def _begin(further: Callable[[], None] | None) -> None:
+def _begin(level: int, further: Callable[[], None] | None) -> None:
     begin_worker()
+    listen(level)
     if further is not None:
         further()

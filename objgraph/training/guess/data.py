@@ -23,7 +23,7 @@ from objgraph.priors.first_guess import FirstGuessConfig, place_in
 from objgraph.priors.mesh import extract_mesh
 from objgraph.priors.shape_prior import ShapePrior
 from objgraph.training.guess.scenes import UP, VIEWS, SceneConfig, SeenObject, draw_seen
-from objgraph.work import process_pool
+from objgraph.work import in_order, process_pool
 
 _SURFACE, _FREE = 200, 100
 """Points kept of a view."""
@@ -113,7 +113,7 @@ def draw_all(
     work = partial(_drawn, prior=prior, each=each, config=config, seed=seed, cache=cache)
     parts: list[dict[str, np.ndarray]] = []
     with process_pool(jobs, PriorError, "fork", partial(_inherit, work, shapes)) as pool:
-        for i, part in enumerate(pool.map(_inherited, range(len(shapes)), chunksize=4)):
+        for i, part in enumerate(in_order(pool, (partial(_inherited, i) for i in range(len(shapes))))):
             if part:
                 count = len(part["views"])
                 parts.append({**part, "shape": np.full(count, i)})

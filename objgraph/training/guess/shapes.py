@@ -23,7 +23,7 @@ from objgraph.training.meshes.files import canonical, read_mesh
 from objgraph.training.meshes.index import CadMesh
 from objgraph.training.meshes.samples import SampleConfig, SdfSamples
 from objgraph.training.progress import Report
-from objgraph.work import process_pool
+from objgraph.work import in_order, process_pool
 
 _WITHIN = 2.0
 """Standard deviations, along each axis, within which random codes are drawn."""
@@ -42,10 +42,10 @@ def known_shapes(
         return []
     pairs = sample_meshes(meshes, SampleConfig(), work / "samples", jobs, progress)
     decoder = digest(dict(prior.decoder.state_dict()))
-    fit = partial(_best_code, prior=prior, cache=work / f"codes-{decoder[:12]}")
+    cache = work / f"codes-{decoder[:12]}"
     shapes: list[Shape] = []
     with process_pool(jobs, PriorError) as pool:
-        codes = pool.map(fit, [samples for _, samples in pairs])
+        codes = in_order(pool, (partial(_best_code, samples, prior, cache) for _, samples in pairs))
         for (entry, samples), code in zip(pairs, codes, strict=True):
             mesh = canonical(read_mesh(entry.path), entry.file)
             shapes.append(Shape(entry.file, samples.extents, code, mesh))

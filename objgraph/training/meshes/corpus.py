@@ -29,7 +29,7 @@ from objgraph.training.meshes.samples import (
 from objgraph.training.meshes.solid import SOLID_VERSION, Solid, require_libraries, solidify
 from objgraph.training.meshes.swaps import SWAPPED, swap
 from objgraph.training.meshes.warps import random_warp
-from objgraph.work import process_pool
+from objgraph.work import in_order, process_pool
 
 log = logging.getLogger(__name__)
 
@@ -236,8 +236,8 @@ class _Maker:
 
     def _made(self, words: str, works: Sequence["_Work"]) -> Iterator["list[SdfSamples] | str"]:
         """What comes of each work, in their order; of one that fails, why."""
-        ask = partial(_tried, self.samples, self.cache)
-        results = map(ask, works) if self.pool is None else self.pool.map(ask, works, chunksize=4)
+        tries = [partial(_tried, self.samples, self.cache, work) for work in works]
+        results = (one() for one in tries) if self.pool is None else in_order(self.pool, tries)
         for i, result in enumerate(results):
             if self.progress is not None:
                 self.progress(words, i + 1, len(works))

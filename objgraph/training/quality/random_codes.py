@@ -10,7 +10,7 @@ from objgraph.errors import EvaluationError, SolveError
 from objgraph.priors.mesh import extract_mesh
 from objgraph.priors.shape_prior import ShapePrior
 from objgraph.training.meshes.joined import WHOLE, pieces
-from objgraph.work import process_pool
+from objgraph.work import in_order, process_pool
 
 BOX_TOLERANCE = 0.03
 """Of an edge of the box, by which the shape of a code that fills it may differ."""
@@ -44,12 +44,12 @@ def check_random_codes(
 ) -> RandomCodes:
     """Mesh random codes: which have a surface, are in one piece, and fill the prior's box."""
     codes = prior.draw_codes(count, np.random.default_rng(seed), within)
-    look = partial(_look, prior, resolution)
+    looks = [partial(_look, prior, resolution, code) for code in codes]
     if jobs == 1:
-        found = [look(code) for code in codes]
+        found = [look() for look in looks]
     else:
         with process_pool(jobs, EvaluationError) as pool:
-            found = list(pool.map(look, codes, chunksize=8))
+            found = list(in_order(pool, looks))
     meshed = [each for each in found if each is not None]
     return RandomCodes(
         count,

@@ -11,7 +11,7 @@ import pytest
 import torch
 
 from objgraph.errors import ConfigError, PriorError, ProcessError
-from objgraph.work import Workers, process_pool, spread
+from objgraph.work import Workers, in_order, process_pool, spread
 
 
 def worked(what: str) -> str:
@@ -101,6 +101,27 @@ def test_what_a_process_cannot_send_costs_its_piece_alone_and_is_named(what, cap
     assert isinstance(found[1], ProcessError)
     assert re.search(AWKWARD[what], str(found[1]))
     assert "died" not in caplog.text
+
+
+@pytest.mark.parametrize("start", ["copy", "fork"])
+def test_a_pool_s_results_come_in_their_order_with_what_was_logged(start, caplog):
+    with caplog.at_level(logging.INFO, "objgraph"), process_pool(1, PriorError, start) as pool:
+        found = list(in_order(pool, (partial(told, i) for i in range(5))))
+    assert found == [(10 * i, 1) for i in range(5)]
+    assert [r.getMessage() for r in caplog.records if r.name == "objgraph.told"] == [
+        f"piece {i}" for i in range(5)
+    ]
+
+
+@pytest.mark.parametrize("what", AWKWARD)
+def test_what_a_pool_s_process_cannot_send_is_no_death(what):
+    def work() -> None:
+        with process_pool(1, PriorError, "fork") as pool:
+            list(in_order(pool, [partial(worked, "a"), partial(awkward, what)]))
+
+    with pytest.raises(ProcessError, match=AWKWARD[what]):
+        work()
+    assert not active_children()
 
 
 def test_an_error_in_a_process_is_raised_here_and_ends_the_others():
