@@ -143,14 +143,15 @@ def _decoder(path: Path, config: DeepSdfConfig, weights: dict[str, Any]) -> Deep
     used: set[str] = set()
 
     def take(key: str) -> Tensor:
-        if not isinstance(given.get(key), Tensor):
+        value = given.get(key)
+        if not isinstance(value, Tensor):
             raise PriorError(f"{path}: {key} is missing; does specs.json belong to this checkpoint?")
         used.add(key)
-        return given[key].float()
+        return _plain(path, key, value).float()
 
     state: dict[str, Tensor] = {}
     for i in range(len(config.dims) + 1):
-        weight = _folded(f"lin{i}", given, take)
+        weight = _folded(path, f"lin{i}", given, take)
         state |= _split(decoder, path, i, weight)
         state[f"bias.{i}"] = take(f"lin{i}.bias")
         if i in config.layer_norm:
@@ -169,7 +170,15 @@ def _decoder(path: Path, config: DeepSdfConfig, weights: dict[str, Any]) -> Deep
     return decoder.requires_grad_(False).eval()
 
 
-def _folded(layer: str, given: dict[str, Any], take: Callable[[str], Tensor]) -> Tensor:
+def _plain(path: Path, what: str, value: Tensor) -> Tensor:
+    """A tensor of real numbers, whether it was trained or not; raises PriorError where it is of another kind."""
+    other = value.is_complex() or value.is_quantized or value.is_nested or value.is_meta
+    if other or value.layout != torch.strided:
+        raise PriorError(f"{path}: {what} is no plain tensor of real numbers")
+    return value.detach()
+
+
+def _folded(path: Path, layer: str, given: dict[str, Any], take: Callable[[str], Tensor]) -> Tensor:
     """A layer's weight, g * v / |v| where it was trained with weight norm."""
     pairs = (
         ("weight_g", "weight_v"),
@@ -177,8 +186,12 @@ def _folded(layer: str, given: dict[str, Any], take: Callable[[str], Tensor]) ->
     )
     for g, v in pairs:
         if f"{layer}.{v}" in given:
-            direction = take(f"{layer}.{v}")
-            return direction * (take(f"{layer}.{g}") / direction.norm(dim=1, keepdim=True))
+            direction, length = take(f"{layer}.{v}"), take(f"{layer}.{g}")
+            if direction.dim() != 2 or length.numel() != len(direction):
+                raise PriorError(
+                    f"{path}: {layer}'s {g} of {tuple(length.shape)} does not fit its {v} of {tuple(direction.shape)}"
+                )
+            return direction * (length.reshape(-1, 1) / direction.norm(dim=1, keepdim=True))
     return take(f"{layer}.weight")
 
 
@@ -208,7 +221,7 @@ def _codes(path: Path, length: int) -> Float[np.ndarray, "s l"]:
         raise PriorError(f"{path} holds no latent_codes")
     if codes.numel() == 0 or codes.shape[-1] != length:
         raise PriorError(f"{path}: codes of shape {tuple(codes.shape)} are not of length {length}")
-    found = codes.reshape(-1, length).double().numpy()
+    found = _plain(path, "latent_codes", codes).reshape(-1, length).double().numpy()
     if not np.isfinite(found).all():
         raise PriorError(f"{path}: a code is not finite")
     return found

@@ -295,3 +295,32 @@ def test_settings_must_be_positive(tmp_path, name):
 def test_the_file_must_be_called_a_safetensors_file(tmp_path):
     with pytest.raises(PriorError, match=r"chair\.pth must end in \.safetensors"):
         convert_command(ConvertConfig(tmp_path, "chair", tmp_path / "chair.pth"))
+
+
+@pytest.mark.parametrize(
+    ("key", "other", "words"),
+    [
+        ("lin0.weight_g", torch.ones(5, 1), r"weight_g of \(5, 1\) does not fit its weight_v"),
+        ("lin0.weight_v", torch.ones(5), r"does not fit its weight_v of \(5,\)"),
+        ("lin3.weight", torch.ones(1, WIDTH).to_sparse(), r"lin3\.weight is no plain tensor"),
+        ("lin3.weight", torch.ones(1, WIDTH, device="meta"), r"lin3\.weight is no plain tensor"),
+        ("lin3.bias", torch.ones(1, dtype=torch.complex64), r"lin3\.bias is no plain tensor"),
+    ],
+)
+def test_tensors_of_another_kind_or_shape_are_named(tmp_path, key, other, words):
+    network = Reference(nn.utils.weight_norm)
+    folder = write(tmp_path, network)
+    path = folder / "ModelParameters" / "latest.pth"
+    torch.save({"model_state_dict": {**network.state_dict(), key: other}}, path)
+    with pytest.raises(PriorError, match=rf"latest\.pth: .*{words}"):
+        load_experiment(folder)
+
+
+def test_codes_that_were_saved_as_they_were_trained_are_read(codes, tmp_path):
+    """The first releases put them together of leaves; so saved, they still ask for a gradient."""
+    trained_on = torch.cat([code[None, None].clone().requires_grad_() for code in codes])
+    found = load_experiment(write(tmp_path, Reference(nn.utils.weight_norm), trained_on)).codes
+    np.testing.assert_array_equal(found, codes.double().numpy())
+    torch.save({"latent_codes": codes.to_sparse()}, tmp_path / "LatentCodes" / "latest.pth")
+    with pytest.raises(PriorError, match=r"LatentCodes/latest\.pth: latent_codes is no plain tensor"):
+        load_experiment(tmp_path)
