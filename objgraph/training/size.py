@@ -5,6 +5,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from objgraph.priors.categories import category_of
+
 USUAL = {
     "chair": (1.17, 0.20),
     "table": (1.75, 0.40),
@@ -44,6 +46,7 @@ def size_statistics(
     """
     sources = [str(i) for i in range(len(extents))] if sources is None else sources
     diagonals = np.array([np.linalg.norm(extent) for extent in extents])
+    category = category_of(category)  # a couch is as large as a sofa
     low, high = _PLAUSIBLE.get(category, _PLAUSIBLE_ANYTHING)
     good = (diagonals > low) & (diagonals < high)
     counts = Counter(source for source, is_good in zip(sources, good, strict=True) if is_good)

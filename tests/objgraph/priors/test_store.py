@@ -347,6 +347,7 @@ def test_size_statistics() -> None:
     mean, sigma, _ = size_statistics("lamp", many + few, ["generator"] * 500 + ["shop"] * 10)
     assert (mean, sigma) == pytest.approx((np.sqrt(2), np.log(2) / 2))
     assert size_statistics("lamp", [])[1] >= 0.5
+    assert size_statistics("Couch", []) == size_statistics("sofa", [])
     # meshes of one and the same size do not make the next lamp's known
     assert size_statistics("lamp", [(0.3, 0.3, 1.5)] * 4)[1] == LEAST_SIGMA
     # a model car of half a metre says nothing about cars
