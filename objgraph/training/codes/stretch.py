@@ -5,6 +5,7 @@ import trimesh
 from jaxtyping import Float
 
 from objgraph.priors.shape_prior import ShapePrior
+from objgraph.training.meshes.solid import require_depth
 
 
 def to_decoder(prior: ShapePrior, extents: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3"]:
@@ -12,8 +13,14 @@ def to_decoder(prior: ShapePrior, extents: Float[np.ndarray, "3"]) -> Float[np.n
 
     `extents` are those of the shape's box, whose diagonal is 1. Distances are the same before and after: a
     decoder of boxes gives those of the unstretched shape.
+
+    Raises:
+        MeshError: the shape is flat, and the prior's fill a box.
     """
-    return np.ones(3) if prior.box is None else np.asarray(extents) / prior.box
+    if prior.box is None:
+        return np.ones(3)
+    require_depth(np.asarray(extents), "the shape")
+    return np.asarray(extents) / prior.box
 
 
 def multiplied(mesh: trimesh.Trimesh, factors: Float[np.ndarray, "3"]) -> trimesh.Trimesh:

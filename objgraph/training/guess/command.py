@@ -21,6 +21,7 @@ from objgraph.training.guess.train import GuessQuality, TrainGuessConfig, measur
 from objgraph.training.meshes.corpus import listed
 from objgraph.training.meshes.files import MeshError, canonical, read_mesh
 from objgraph.training.meshes.folder import choose_meshes, trained_on
+from objgraph.training.meshes.solid import require_depth
 from objgraph.training.progress import Report, bars
 from objgraph.work import threads
 
@@ -172,8 +173,7 @@ def _readable(meshes: Sequence[tuple[Path, str]]) -> list[Shape]:
     for path, name in meshes:
         try:
             mesh = canonical(read_mesh(path), name)
-            if not mesh.extents.min() > 0:
-                raise MeshError(f"{path} is flat: no box can be filled by it")
+            require_depth(mesh.extents, str(path))
         except MeshError as error:
             log.warning("%s is left out of what the first guess is measured on: %s", name, error)
             continue

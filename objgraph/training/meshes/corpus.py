@@ -26,7 +26,7 @@ from objgraph.training.meshes.samples import (
     sample_solid,
     save_samples,
 )
-from objgraph.training.meshes.solid import SOLID_VERSION, Solid, require_libraries, solidify
+from objgraph.training.meshes.solid import SOLID_VERSION, Solid, require_depth, require_libraries, solidify
 from objgraph.training.meshes.swaps import SWAPPED, swap
 from objgraph.training.meshes.warps import random_warp
 from objgraph.work import in_order, process_pool
@@ -257,7 +257,7 @@ def _tried(samples: SampleConfig, cache: Path, work: _Work) -> list[SdfSamples] 
 def _collected(
     entry: CadMesh, corpus: CorpusConfig, unseen: bool, samples: SampleConfig, cache: Path
 ) -> list[SdfSamples]:
-    """A collected mesh and its warped copies, or if it is held out points on its surface."""
+    """A collected mesh and its warped copies, or if it is held out points on its surface; MeshError where it is no solid or flat."""
     mesh, seed = read_mesh(entry.path), corpus.seed
     original = lru_cache(maxsize=1)(lambda: _solid(entry) if unseen else joined(_solid(entry)))
 
@@ -272,6 +272,7 @@ def _collected(
         shapes.append(
             _cached(f"{entry.file}#{copy}", key, samples, cache, partial(warped, copy, key), unseen)
         )
+        require_depth(shapes[-1].extents, f"mesh {entry.file}")
     return shapes
 
 

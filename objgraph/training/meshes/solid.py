@@ -158,6 +158,13 @@ def require_libraries() -> None:
         raise PriorError(f"meshes need {' and '.join(missing)}: pip install 'objgraph[train]'")
 
 
+def require_depth(extents: Float[np.ndarray, "3"], name: str) -> None:
+    """Raise a MeshError where a box of diagonal 1 is flat: what is in it is thicker, once it is a sheet, and cannot be stretched
+    to a box."""
+    if not extents.min() >= 2 * SHEET_HALF_THICKNESS:
+        raise MeshError(f"{name} is flat: no box can be filled by it")
+
+
 def solidify(mesh: trimesh.Trimesh, name: str) -> Solid:
     """The solid that a mesh, closed or not, stands for; holes of three or four edges are filled first.
 

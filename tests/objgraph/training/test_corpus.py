@@ -180,6 +180,19 @@ def test_processes_sample_the_same_shapes_from_several_folders(meshes: Path, tmp
         assert_array_equal(a.sdf, b.sdf)
 
 
+def test_what_is_flat_is_left_out_and_named(meshes: Path, tmp_path: Path) -> None:
+    """Of a box without a depth no stretch to the category's is known: one would spoil it for all."""
+    other = tmp_path / "other"
+    for name, depth in (("flat #1.ply", 0.0), ("flat #2.ply", 1e-7), ("deep.ply", 0.02)):
+        corners = np.array([[0, 0, 0], [1, 0, 0], [1, 1, depth], [0, 1, depth]])
+        other.mkdir(exist_ok=True)
+        trimesh.Trimesh(corners, [[0, 1, 2], [0, 2, 3]], process=False).export(other / name)
+    corpus = build_corpus("table", [meshes, other], ONE, SampleConfig(count=100), tmp_path / "cache")
+    assert {"flat #1.ply", "flat #2.ply"} == set(corpus.skipped) - {"t4.ply"}
+    assert "mesh flat #1.ply is flat" in corpus.skipped["flat #1.ply"]
+    assert "deep.ply" in {entry.file for entry in corpus.used}
+
+
 def test_unknown_category_needs_meshes(tmp_path: Path) -> None:
     with pytest.raises(PriorError, match=r"'lamp' has no procedural family \(chair, table, car\)"):
         build_corpus("lamp", [], CorpusConfig(), SampleConfig(), tmp_path)

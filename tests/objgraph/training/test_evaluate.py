@@ -13,7 +13,7 @@ from objgraph.training.codes.partial import PartialConfig
 from objgraph.training.codes.search import SearchConfig
 from objgraph.training.meshes.folder import choose_meshes, write_json
 from objgraph.training.meshes.samples import SampleConfig
-from objgraph.training.quality.evaluate import PriorEvaluationConfig, ShapeRow, evaluate_meshes
+from objgraph.training.quality.evaluate import PriorEvaluationConfig, ShapeRow, evaluate_mesh, evaluate_meshes
 from objgraph.training.quality.random_codes import BOX_TOLERANCE, check_random_codes
 from objgraph.training.quality.report import document, summary, table
 from objgraph.training.quality.true_shape import TrueShape, read_solid
@@ -97,6 +97,15 @@ def test_any_error_of_a_mesh_is_that_meshs_failure(folder, monkeypatch):
     rows = evaluate_meshes(prior, choose_meshes([folder], "chair", prior), QUICK)
     assert rows[0].error == "ZeroDivisionError: halves of nothing"
     assert len(rows) == 3
+
+
+def test_of_what_is_flat_no_prior_of_one_box_knows_anything(tmp_path):
+    corners = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]
+    trimesh.Trimesh(corners, [[0, 1, 2], [0, 2, 3]], process=False).export(tmp_path / "flat.ply")
+    prior = replace(box_prior(), box=np.array([0.6, 0.6, 0.5]))
+    row = evaluate_mesh(prior, tmp_path / "flat.ply", "flat", PriorEvaluationConfig(resolution=32))
+    assert row.chamfer is None
+    assert row.error == "the shape is flat: no box can be filled by it"
 
 
 def test_the_document_has_its_keys_and_is_json(folder, rows, tmp_path):
