@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import trimesh
 
+from factors import checks
 from objgraph.errors import PriorError
 from objgraph.geometry.mesh_data import parse_mesh
 
@@ -22,10 +23,14 @@ SUFFIXES = (".ply", ".obj", ".stl", ".off", ".glb")
 
 
 def list_meshes(folder: Path, category: str) -> list[str]:
-    """Mesh files in a folder at any depth, relative to it; only those below a subfolder of the category, if any."""
+    """Mesh files in a folder at any depth, relative to it; only those below a subfolder of the category, if any.
+
+    Raises:
+        PriorError: a name is no Unicode: no card could hold it.
+    """
     own = folder / category
     return sorted(
-        str(path.relative_to(folder))
+        checks.string("the mesh file", str(path.relative_to(folder)), PriorError)
         for path in (own if own.is_dir() else folder).rglob("*")
         if path.suffix.lower() in SUFFIXES and path.is_file()
     )

@@ -193,6 +193,12 @@ def test_what_is_flat_is_left_out_and_named(meshes: Path, tmp_path: Path) -> Non
     assert "deep.ply" in {entry.file for entry in corpus.used}
 
 
+def test_a_mesh_whose_name_is_no_unicode_is_told_before_any_work(tmp_path: Path) -> None:
+    (tmp_path / "bl\udcfc.ply").write_bytes(b"")
+    with pytest.raises(PriorError, match=r"the mesh file .*ply' is no Unicode text; rename it"):
+        build_corpus("sofa", [tmp_path], ONE, SampleConfig(), tmp_path / "cache")
+
+
 def test_unknown_category_needs_meshes(tmp_path: Path) -> None:
     with pytest.raises(PriorError, match=r"'lamp' has no procedural family \(chair, table, car\)"):
         build_corpus("lamp", [], CorpusConfig(), SampleConfig(), tmp_path)
