@@ -102,13 +102,13 @@ def make_prior(
         anisotropy_sigma=None if trained.box is None else trained.box.anisotropy_sigma,
     )
     collected = {entry.file for entry in corpus.unseen}
-    unseen = [shape for shape in corpus.heldout if shape.name.split("#")[0] in collected]
-    procedural = [shape for shape in corpus.heldout if shape.name.split("#")[0] not in collected]
+    unseen = [shape for shape in corpus.heldout if _file(shape.name) in collected]
+    procedural = [shape for shape in corpus.heldout if _file(shape.name) not in collected]
     fits = _fits(prior, [*unseen, *procedural[:5]], config.jobs, progress)
     errors, procedural_errors = fits[: len(unseen)], fits[len(unseen) :]
     by_people = {entry.file for entry in corpus.unseen if entry.maker == "people"}
     # a generator's held-out shapes are as those of its that were trained on: real ones are not
-    unlike = [error for error in errors if error.name.split("#")[0] in by_people]
+    unlike = [error for error in errors if _file(error.name) in by_people]
     bands = _bands(unlike or errors or procedural_errors)
     card = {
         "stands": config.stands,
@@ -138,6 +138,11 @@ def make_prior(
         "size_source": size_source,
     }
     return replace(prior, residual_sigma=next(iter(bands.values()), prior.residual_sigma), card=card)
+
+
+def _file(shape: str) -> str:
+    """The mesh that a collected shape's name is of: its copy's number stands after the last #."""
+    return shape.rpartition("#")[0]
 
 
 def _fits(

@@ -295,6 +295,22 @@ def test_held_out_shapes_are_fitted_by_all_jobs_and_kept_in_order(
     assert told == [("fitting held-out shapes", i, 3) for i in (1, 2, 3)]
 
 
+def test_a_held_out_mesh_counts_whatever_its_name(
+    config: TrainConfig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(
+        "objgraph.training.export.fit_error",
+        lambda prior, shape: FitError(shape.name, 0.1, {"0-1": 0.1}, 1.0),
+    )
+    entry = CadMesh(Path(), "sofa #1.ply", "sofa #1.ply", "CC0-1.0", "", "", None)
+    names = ("sofa #1.ply#0", "procedural/sofa_0_0024")
+    heldout = tuple(replace(ball(0.3, i), name=name) for i, name in enumerate(names))
+    corpus = replace(BALLS, heldout=heldout, unseen=(entry,))
+    card = make_prior(config, corpus, train(config, corpus)).card["heldout"]
+    assert [error["name"] for error in card["errors"]] == ["sofa #1.ply#0"]
+    assert (card["summary"]["count"], card["procedural"]["count"]) == (1, 1)
+
+
 def test_the_first_guess_has_the_threads_of_the_training(
     config: TrainConfig, monkeypatch: pytest.MonkeyPatch
 ) -> None:
