@@ -110,6 +110,11 @@ def make_prior(
     # a generator's held-out shapes are as those of its that were trained on: real ones are not
     unlike = [error for error in errors if _file(error.name) in by_people]
     bands = _bands(unlike or errors or procedural_errors)
+    if not bands:
+        log.warning(
+            "%s: no shape was held out to measure the prior on: its residual of %g diagonals is a guess, and mapping "
+            "trusts it", config.category, prior.residual_sigma
+        )  # fmt: skip
     card = {
         "stands": config.stands,
         "data": {
@@ -135,6 +140,7 @@ def make_prior(
             f"distances of {SURFACE_POINTS} points, in box diagonals (equal surfaces: about 0.003)",
         },
         "residual_by_distance": bands,
+        **({} if bands else {"residual_source": "a guess, not measured"}),
         "size_source": size_source,
     }
     return replace(prior, residual_sigma=next(iter(bands.values()), prior.residual_sigma), card=card)

@@ -193,7 +193,10 @@ def train(config: TrainConfig, corpus: Corpus, progress: Progress | None = None)
         PriorError: no shape to train on, a loss that is not finite, or a checkpoint of another training.
     """
     if not corpus.training:
-        raise PriorError(f"there is no {config.category} to train on: every mesh was left out or held out")
+        raise PriorError(
+            f"there is no {config.category} to train on: every mesh was left out or held out; give more, or "
+            f"--corpus.heldout-share 0 to hold out none"
+        )
     with threads(config.threads):
         return _train(config, corpus, progress)
 

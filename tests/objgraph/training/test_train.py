@@ -311,6 +311,14 @@ def test_a_held_out_mesh_counts_whatever_its_name(
     assert (card["summary"]["count"], card["procedural"]["count"]) == (1, 1)
 
 
+def test_where_nothing_is_held_out_it_is_said_that_the_residual_is_a_guess(
+    config: TrainConfig, caplog: pytest.LogCaptureFixture
+) -> None:
+    prior = make_prior(config, BALLS, train(config, BALLS))
+    assert prior.card["residual_source"] == "a guess, not measured"
+    assert "no shape was held out to measure the prior on" in caplog.text
+
+
 def test_the_first_guess_has_the_threads_of_the_training(
     config: TrainConfig, monkeypatch: pytest.MonkeyPatch
 ) -> None:
