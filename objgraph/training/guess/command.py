@@ -7,6 +7,7 @@ from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
 
 import numpy as np
+import trimesh
 
 from factors import checks
 from objgraph.errors import ConfigError, PriorError
@@ -123,7 +124,7 @@ def with_first_guess(
     cache = work / _key(*settings, SceneConfig(), kept)
     scenes, judged = None, _readable(unseen)
     if judged:  # what is wrong with them is found before hours of training, not after
-        named = [(shape.name, np.asarray(shape.extents).tobytes()) for shape in judged]
+        named = [(shape.name, _key(*_bytes_of(shape.mesh))) for shape in judged]
         scenes = _unseen_scenes(
             prior, judged, config.seed, cache / f"heldout-{_key(named)}", jobs,
             lambda done, total: tell("drawing held-out scenes", done, total),
@@ -179,6 +180,11 @@ def _readable(meshes: Sequence[tuple[Path, str]]) -> list[Shape]:
             continue
         shapes.append(Shape(name, np.asarray(mesh.extents), mesh=mesh))
     return shapes
+
+
+def _bytes_of(mesh: trimesh.Trimesh | None) -> tuple[bytes, ...]:
+    """What tells a mesh from the same one turned."""
+    return () if mesh is None else (np.asarray(mesh.vertices).tobytes(), np.asarray(mesh.faces).tobytes())
 
 
 def _unseen_scenes(
