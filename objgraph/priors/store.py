@@ -71,8 +71,7 @@ def save_prior(prior: ShapePrior, path: Path) -> None:
         read = parse_json(json.dumps(header).encode())
     except (TypeError, ValueError) as error:
         raise PriorError(f"{path} would be no usable shape prior: {error}") from error
-    with torch.random.fork_rng(devices=[]):  # the caller's generator stays as it was
-        _prior_of({name: value.detach().cpu() for name, value in tensors.items()}, read, path)
+    _prior_of({name: value.detach().cpu() for name, value in tensors.items()}, read, path)
     save_tensors(tensors, header, path)
 
 

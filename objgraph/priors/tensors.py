@@ -40,7 +40,8 @@ def loaded_network(kind: Callable[[C], N], config: C, weights: dict[str, Tensor]
         RuntimeError: the weights are of another network.
     """
     check_size(kind, config, weights)
-    network = kind(config)
+    with torch.random.fork_rng(devices=[]):  # first weights are drawn: the caller's generator stays as it was
+        network = kind(config)
     network.load_state_dict(weights)
     return network
 

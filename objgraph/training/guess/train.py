@@ -84,8 +84,9 @@ def train_guess(
     Raises:
         PriorError: the checkpoint is not of this configuration.
     """
-    torch.manual_seed(config.seed)
-    network = FirstGuess(config.network)
+    with torch.random.fork_rng(devices=[]):  # the caller's generator stays as it was
+        torch.manual_seed(config.seed)
+        network = FirstGuess(config.network)
     optimizer = torch.optim.Adam(network.parameters(), lr=config.learning_rate, fused=True)
     average = {name: value.clone() for name, value in network.state_dict().items()}
     first = _resume(checkpoint, config, network, optimizer, average)

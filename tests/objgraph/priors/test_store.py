@@ -243,11 +243,12 @@ def test_what_could_not_be_loaded_is_not_saved(prior: ShapePrior, tmp_path: Path
     assert path.read_bytes() == before
 
 
-def test_saving_leaves_the_global_generator_alone(prior: ShapePrior, tmp_path: Path) -> None:
+def test_saving_and_loading_leave_the_global_generator_alone(prior: ShapePrior, tmp_path: Path) -> None:
     torch.manual_seed(3)
     expected = torch.rand(2)
     torch.manual_seed(3)
     save_prior(prior, tmp_path / "lamp.safetensors")
+    load_prior(tmp_path / "lamp.safetensors")
     assert_array_equal(torch.rand(2).numpy(), expected.numpy())
 
 

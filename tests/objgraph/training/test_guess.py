@@ -131,7 +131,9 @@ def test_what_is_seen_in_a_mirror_is_of_the_mirrored_object() -> None:
 
 
 def test_killed_training_goes_on_with_the_same_result(draws: Draws, tmp_path: Path) -> None:
+    before = torch.random.get_rng_state()
     whole = train_guess(draws, CODES, 1.1, CONFIG)
+    assert torch.equal(torch.random.get_rng_state(), before)
     train_guess(draws, CODES, 1.1, CONFIG, tmp_path / "checkpoint", stop_after=30)
     resumed = train_guess(draws, CODES, 1.1, CONFIG, tmp_path / "checkpoint")
     for a, b in zip(whole.parameters(), resumed.parameters(), strict=True):
