@@ -11,6 +11,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from factors import checks
 from factors.code_mixture import CodeMixture
 from factors.decoder import Decoder, DecoderConfig
 from factors.deepsdf import DeepSdfConfig, DeepSdfDecoder
@@ -112,7 +113,7 @@ def _prior_of(tensors: dict[str, Tensor], header: dict[str, Any], path: Path) ->
         anisotropy = float(header["anisotropy_sigma"]) if "anisotropy_sigma" in header else None
         surface_misfit = float(header.get("surface_misfit", 1.0))
         card = {**header["card"], **{key: header[key] for key in _HEADER}}
-        category = str(header["category"])
+        category = _category(header["category"])
     except (KeyError, TypeError, ValueError, RuntimeError, FactorError) as error:
         raise PriorError(f"{path} is no usable shape prior: {error}") from error
     length = decoder.code_length
@@ -141,6 +142,7 @@ def _prior_of(tensors: dict[str, Tensor], header: dict[str, Any], path: Path) ->
     ]
     if not all(np.isfinite(array).all() for array in arrays):
         raise PriorError(f"{path}: a weight or statistic is not finite")
+    checks.covariance(f"{path}: the codes' covariance", covariance, length, PriorError)
     positive: list[float] = [*numbers, surface_misfit, *([] if anisotropy is None else [anisotropy])]
     if min(positive) <= 0:
         raise PriorError(f"{path}: a standard deviation, size or factor is not positive: {positive}")
@@ -159,6 +161,14 @@ def _prior_of(tensors: dict[str, Tensor], header: dict[str, Any], path: Path) ->
         surface_misfit=surface_misfit,
         kinds=kinds,
     )
+
+
+def _category(said: Any) -> str:
+    """A category's name; raises PriorError where, as a folder's, it would lead elsewhere."""
+    name = checks.text("the category", said, PriorError)
+    if Path(name).is_absolute() or ".." in Path(name).parts:
+        raise PriorError(f"the category {name!r} leads out of a folder")
+    return name
 
 
 def _require_floats(tensors: dict[str, Tensor], path: Path) -> None:

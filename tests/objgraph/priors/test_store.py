@@ -125,6 +125,9 @@ def test_wrong_code_length(prior: ShapePrior, tmp_path: Path) -> None:
         (lambda tensors, header: header.update(residual_sigma=-0.01), "not positive"),
         (lambda tensors, header: header.update(size_mean=0), "not positive"),
         (lambda tensors, header: header.update(card=3), "no usable shape prior"),
+        (lambda tensors, header: header.update(category="/"), "leads out of a folder"),
+        (lambda tensors, header: header.update(category="../../elsewhere"), "leads out of a folder"),
+        (lambda tensors, header: header.update(category=[]), "the category must be text"),
     ],
 )
 def test_a_header_that_cannot_be_is_named(prior: ShapePrior, tmp_path: Path, change, words: str) -> None:
@@ -228,6 +231,7 @@ def test_not_finite_weights(prior: ShapePrior, tmp_path: Path) -> None:
         ({"residual_sigma": float("nan")}, "not finite"),
         ({"code_mean": np.zeros(5)}, "do not fit a decoder of 3-dimensional codes"),
         ({"code_mean": np.full(3, np.inf)}, "not finite"),
+        ({"code_covariance": -np.eye(3)}, "the codes' covariance is not positive definite"),
         ({"box": np.array([0.5, 0.0, 0.7])}, "not three positive edges"),
         ({"kinds": CodeMixture(np.ones(1), np.zeros((1, 5)), np.ones((1, 5)))}, "mixture is of codes of another"),
         ({"card": {"data": {1, 2}}}, "no usable shape prior"),
