@@ -10,6 +10,7 @@ import numpy as np
 import trimesh
 
 from factors import checks
+from objgraph.atomic import check_place
 from objgraph.errors import ConfigError, PriorError
 from objgraph.priors.first_guess import FirstGuess
 from objgraph.priors.registry import load_prior
@@ -68,11 +69,14 @@ def guess_command(command: GuessCommand) -> Path:
 
     Raises:
         ConfigError: it is to be trained for no step.
-        PriorError: there is no such prior, or none of its shapes is seen in any scene.
+        PriorError: there is no such prior, none of its shapes is seen in any scene, or `out` cannot be written or is no .safetensors.
         EvaluationError: there are no meshes to measure it on in the folders given.
     """
     if command.guess.steps == 0:
         raise ConfigError("--guess.steps is 0: a first guess that was not trained says nothing, give more")
+    if command.out.suffix != ".safetensors":
+        raise PriorError(f"--out {command.out} must end in .safetensors")
+    check_place(command.out, PriorError)
     prior = load_prior(command.prior)
     unseen, seen = [], []
     if command.meshes:

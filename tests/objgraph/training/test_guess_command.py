@@ -205,6 +205,18 @@ def test_a_guess_of_no_steps_is_refused(tmp_path: Path) -> None:
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [("sofa", r"must end in \.safetensors"), ("file/sofa.safetensors", "cannot be written")],
+)
+def test_where_the_prior_could_not_be_written_is_told_before_any_work(
+    tmp_path: Path, name: str, words: str
+) -> None:
+    (tmp_path / "file").write_text("no folder")
+    with pytest.raises(PriorError, match=words):
+        guess_command(GuessCommand("absent.safetensors", tmp_path / name))
+
+
 def test_the_command_has_its_own_threads(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     used, before = [], torch.get_num_threads()
 
