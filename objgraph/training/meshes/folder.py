@@ -89,8 +89,11 @@ def _of_folder(
 
 
 def _held_out(card: dict[str, Any]) -> set[str]:
-    heldout = card.get("heldout")
-    return set(heldout.get("collected", ())) if isinstance(heldout, dict) else set()
+    """The meshes that a prior's card names as held out; none where it names none."""
+    try:
+        return set(card["heldout"]["collected"])
+    except (KeyError, TypeError):
+        return set()
 
 
 def trained_on(card: dict[str, Any]) -> set[str]:

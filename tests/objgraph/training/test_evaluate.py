@@ -263,6 +263,12 @@ def test_without_an_index_the_card_still_tells(folder):
     assert len(choose_meshes([folder], "chair", trained, "all").names) == 3
 
 
+@pytest.mark.parametrize("card", [{"collected": [{}]}, {"collected": 5}, "none"])
+def test_a_card_of_elsewhere_names_nothing_as_held_out(folder, card):
+    chosen = choose_meshes([folder], "chair", replace(box_prior(), card={"heldout": card}))
+    assert len(chosen.names) == 3
+
+
 def test_a_folder_without_index_cannot_tell_what_is_held_out(folder):
     with pytest.raises(EvaluationError, match=r"no index\.json"):
         choose_meshes([folder], "chair", box_prior(), "heldout")
