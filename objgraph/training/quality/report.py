@@ -6,6 +6,7 @@ from dataclasses import asdict
 from typing import Any
 
 import numpy as np
+from rich.markup import escape
 from rich.table import Table
 
 from objgraph.priors.shape_prior import ShapePrior
@@ -84,7 +85,7 @@ def summary(rows: Sequence[ShapeRow]) -> dict[str, float | int | None]:
 def table(rows: Sequence[ShapeRow], title: str) -> Table:
     """One line a mesh, worst last, and the medians."""
     columns = ("chamfer", "IoU", "recall", "precision", "from one view: chamfer", "IoU", "recall", "ratio")
-    result = Table(title=title, show_footer=True)
+    result = Table(title=escape(title), show_footer=True)
     medians = summary(rows)
     result.add_column("mesh", f"median of {medians['n']}, {medians['failed']} failed", overflow="fold")
     keys = ("chamfer", "iou", "recall", "precision", "chamfer_partial", "iou_partial", "recall_partial")
@@ -94,7 +95,7 @@ def table(rows: Sequence[ShapeRow], title: str) -> Table:
     for row in sorted(rows, key=lambda row: math.inf if row.chamfer is None else row.chamfer):
         values = (getattr(row, key) for key in (*keys, "partial_ratio"))
         numbers = (_number(value, places) for value, places in zip(values, digits, strict=True))
-        result.add_row(row.mesh, *numbers, style="red" if row.error else None)
+        result.add_row(escape(row.mesh), *numbers, style="red" if row.error else None)
     return result
 
 

@@ -2,10 +2,12 @@
 
 import json
 from dataclasses import replace
+from io import StringIO
 
 import numpy as np
 import pytest
 import trimesh
+from rich.console import Console
 
 from objgraph.cli.main import main
 from objgraph.errors import EvaluationError, PriorError
@@ -267,6 +269,13 @@ def test_without_an_index_the_card_still_tells(folder):
 def test_a_card_of_elsewhere_names_nothing_as_held_out(folder, card):
     chosen = choose_meshes([folder], "chair", replace(box_prior(), card={"heldout": card}))
     assert len(chosen.names) == 3
+
+
+def test_the_table_has_names_with_brackets_as_they_are():
+    names = ("sofas [old]/a.ply", "sofa [/b].ply")
+    console = Console(width=200, file=StringIO())
+    console.print(table([ShapeRow(name) for name in names], "chair: [mine] prior"))
+    assert all(words in console.file.getvalue() for words in (*names, "chair: [mine] prior"))
 
 
 def test_a_folder_without_index_cannot_tell_what_is_held_out(folder):
