@@ -51,19 +51,19 @@ def prior_for(category: str, given: Sequence[ShapePrior] = ()) -> ShapePrior:
     Raises:
         PriorError: the category's own file is damaged.
     """
-    name = _named(category)
-    for prior in given:
-        if prior.category.lower() in (name, category_of(name)):
-            return prior
+    for wanted in (category, category_of(category)):  # an armchair's own before a chair's
+        for prior in given:
+            if _named(prior.category) == _named(wanted):
+                return prior
     shipped = _shipped_file(category)
     if shipped is not None:
         return _shared(shipped)
-    _warn_of_fallback(name)
+    _warn_of_fallback(_named(category))
     return _stand_in(category)
 
 
 def _named(category: str) -> str:
-    return category.strip().lower()
+    return category.strip().lower().replace("_", " ")
 
 
 def _shipped_file(category: str) -> Path | None:

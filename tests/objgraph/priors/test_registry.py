@@ -38,6 +38,17 @@ def test_stand_ins_keep_the_category_asked_for_share_a_decoder_and_warn_once_eac
     assert sum("stands in" in record.getMessage() for record in caplog.records) == 2
 
 
+def test_of_priors_given_the_label_s_own_comes_before_its_category_s_however_it_is_spelt():
+    chair, armchair, lamp = (
+        replace(fallback_prior(name), card={}) for name in ("chair", "Armchair", "floor_lamp")
+    )
+    given = [chair, armchair, lamp]
+    assert prior_for("armchair", given) is armchair
+    assert prior_for("office chair", given) is chair
+    assert prior_for("floor lamp", given) is lamp
+    assert prior_for("Floor_Lamp", given) is lamp
+
+
 def test_a_prior_that_was_loaded_by_name_is_one_s_own():
     """It may be trained on, or moved to another device, and nobody else notices."""
     assert load_prior("chair").decoder is not prior_for("chair").decoder
