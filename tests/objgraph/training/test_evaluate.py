@@ -273,9 +273,9 @@ def test_a_card_of_elsewhere_names_nothing_as_held_out(folder, card):
 
 def test_the_table_has_names_with_brackets_as_they_are():
     names = ("sofas [old]/a.ply", "sofa [/b].ply")
-    console = Console(width=200, file=StringIO())
-    console.print(table([ShapeRow(name) for name in names], "chair: [mine] prior"))
-    assert all(words in console.file.getvalue() for words in (*names, "chair: [mine] prior"))
+    shown = StringIO()
+    Console(width=200, file=shown).print(table([ShapeRow(name) for name in names], "chair: [mine] prior"))
+    assert all(words in shown.getvalue() for words in (*names, "chair: [mine] prior"))
 
 
 def test_a_folder_without_index_cannot_tell_what_is_held_out(folder):
