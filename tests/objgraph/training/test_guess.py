@@ -12,6 +12,7 @@ import torch
 import trimesh
 from numpy.testing import assert_allclose
 
+from factors.decoder import Decoder, DecoderConfig
 from objgraph.errors import InitialisationError, PriorError
 from objgraph.geometry.frames import upright_axes
 from objgraph.graph.builder import ObjectBuilder
@@ -213,8 +214,18 @@ def test_a_prior_gets_a_guess_and_its_card_says_what_it_is_worth(tmp_path: Path)
         assert torch.equal(a, b)
 
 
+def octahedra() -> Decoder:
+    """|x| + |y| + |z| = 0.3, whatever the code, by its weights: what of a toy decoder a file keeps is none of its shape."""
+    decoder = Decoder(DecoderConfig(code_length=TOY_CODE, width=6, depth=1, skip=0, activation="relu"))
+    state = {name: torch.zeros_like(value) for name, value in decoder.state_dict().items()}
+    state["from_point.0.weight"] = torch.cat([torch.eye(3), -torch.eye(3)])
+    state["output.weight"], state["output.bias"] = torch.full((1, 6), 3**-0.5), torch.tensor([-0.3 * 3**-0.5])
+    decoder.load_state_dict(state)
+    return decoder
+
+
 def test_a_prior_whose_shapes_are_not_at_hand_gets_a_guess_from_random_codes(tmp_path: Path) -> None:
-    save_prior(toy_prior(), tmp_path / "toy.safetensors")
+    save_prior(replace(toy_prior(), decoder=octahedra()), tmp_path / "toy.safetensors")
     boxed = replace(toy_prior(), box=np.array([0.5, 0.7, 0.5]), anisotropy_sigma=0.1)
     edges = np.array([shape.extents for shape in random_shapes(boxed, 5, seed=0)])
     assert_allclose(np.linalg.norm(edges, axis=1), 1.0)
