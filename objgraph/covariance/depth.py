@@ -83,7 +83,7 @@ def predicted_depth(
     """Distribution of the depth along rays with directions of z = 1, from the uncertain SDF along each.
 
     The SDF is linear in all but moves along the ray: of a ray through the object nearer to a flat side's outline than that may
-    move, a hit is said to be surer than it is (1 cm within an outline known to 2 cm: 0.8 to 0.95, truly 0.69).
+    move, a hit is said to be surer than it is (1 cm within an outline known to 2 cm: 0.8 to 0.96, truly 0.69).
     `residual_sigma` is the decoder's own error, canonical (`ShapePrior.residual_sigma`); the sensor's noise and other
     objects are not in it.
 
