@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from factors.gaussian_depth import Deterministic, Probabilistic, Sampled
     from factors.linearized import linearized
     from factors.priors import code_prior, placed_prior, scale_prior, sized_prior, upright_prior
+    from factors.proportions import Proportions, proportions_prior
     from factors.rays import Rays
     from factors.score import energy_score
     from factors.sdf_decoder import SdfDecoder
@@ -39,6 +40,7 @@ __all__ = [
     "ObjectState",
     "ObservationFactor",
     "Probabilistic",
+    "Proportions",
     "RaySampling",
     "Rays",
     "Sampled",
@@ -51,6 +53,7 @@ __all__ = [
     "mixture_prior",
     "placed_prior",
     "prefetch",
+    "proportions_prior",
     "scale_prior",
     "sized_prior",
     "upright_prior",
@@ -69,6 +72,7 @@ _HOMES = {
     "factors.gaussian_depth": "Deterministic Probabilistic Sampled",
     "factors.linearized": "linearized",
     "factors.priors": "code_prior placed_prior scale_prior sized_prior upright_prior",
+    "factors.proportions": "Proportions proportions_prior",
     "factors.rays": "Rays",
     "factors.score": "energy_score",
     "factors.sdf_decoder": "SdfDecoder",

@@ -12,6 +12,7 @@ from numpy.random import Generator
 
 from factors.code_mixture import CodeMixture, mixture_prior
 from factors.priors import code_prior, scale_prior
+from factors.proportions import Proportions, proportions_prior
 from factors.rays import BOX_HALF_SIZE
 from factors.sdf_decoder import SdfDecoder
 from factors.state import ObjectKeys
@@ -58,6 +59,8 @@ class ShapePrior:
     """Factor on the variances that marginals give the surface of real objects; one where nothing was measured."""
     kinds: CodeMixture | None = None
     """The kinds of shapes there are; None where codes are of the one Gaussian that `code_mean` and `code_covariance` give."""
+    proportions: Proportions | None = None
+    """What a code says of the proportions, where all shapes fill a `box`; None where they are as `anisotropy_sigma` says."""
 
     @property
     def digest(self) -> str:
@@ -92,8 +95,10 @@ class ShapePrior:
         return mixture_prior(keys, self.kinds)
 
     def scale_factor(self, keys: ObjectKeys, anisotropy_sigma: float = 0.1) -> gtsam.NonlinearFactor:
-        """What is known of an object's scales beforehand; each axis deviates by `anisotropy_sigma` from their mean where the prior
-        does not say by how much."""
+        """What is known of an object's scales beforehand, given its code where the prior knows its shapes' proportions; otherwise
+        each axis deviates by `anisotropy_sigma` from their mean where the prior does not say by how much."""
+        if self.proportions is not None:
+            return proportions_prior(keys, self.proportions, np.log(self.size_mean), self.size_log_sigma)
         sigma = self.anisotropy_sigma or anisotropy_sigma
         return scale_prior(keys, np.log(self.size_mean), self.size_log_sigma, sigma)
 

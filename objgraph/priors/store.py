@@ -16,6 +16,7 @@ from factors.code_mixture import CodeMixture
 from factors.decoder import Decoder, DecoderConfig
 from factors.deepsdf import DeepSdfConfig, DeepSdfDecoder
 from factors.errors import FactorError
+from factors.proportions import Proportions
 from factors.sdf_decoder import SdfDecoder
 from factors.superquadric import Superquadric, SuperquadricConfig
 from objgraph.checked import check_fields, parse_json, typed
@@ -48,6 +49,9 @@ def save_prior(prior: ShapePrior, path: Path) -> None:
         tensors["prototypes"] = torch.from_numpy(np.asarray(prior.prototypes, np.float64))
     if prior.box is not None:
         tensors["box"] = torch.from_numpy(np.asarray(prior.box, np.float64))
+    if prior.proportions is not None:
+        known = vars(prior.proportions).items()
+        tensors |= {f"proportions.{name}": torch.from_numpy(value) for name, value in known}
     guess = {}
     if prior.guess is not None:
         tensors |= {f"guess.{name}": value for name, value in prior.guess.state_dict().items()}
@@ -109,6 +113,8 @@ def _prior_of(tensors: dict[str, Tensor], header: dict[str, Any], path: Path) ->
         covariance = tensors["code_covariance"].numpy() if kinds is None else kinds.moments()[1]
         prototypes = tensors["prototypes"].numpy() if "prototypes" in tensors else None
         box = tensors["box"].numpy() if "box" in tensors else None
+        known = {name: value.double().numpy() for name, value in _part(tensors, "proportions.").items()}
+        proportions = Proportions(**known) if known else None
         numbers = [float(header[key]) for key in ("residual_sigma", "size_mean", "size_log_sigma")]
         anisotropy = float(header["anisotropy_sigma"]) if "anisotropy_sigma" in header else None
         surface_misfit = float(header.get("surface_misfit", 1.0))
@@ -122,6 +128,10 @@ def _prior_of(tensors: dict[str, Tensor], header: dict[str, Any], path: Path) ->
         raise PriorError(f"{path}: the box {box} is not three positive edges")
     if guess is not None and guess.config.code_length != length:
         raise PriorError(f"{path}: its first guess is of codes of another length than its decoder's {length}")
+    if proportions is not None and (proportions.slope.shape[1] != length or box is None):
+        raise PriorError(
+            f"{path}: its proportions are of codes of another length, or of shapes without a box"
+        )
     if kinds is not None and kinds.mean.shape[1] != length:
         raise PriorError(f"{path}: its mixture is of codes of another length than its decoder's {length}")
     if not fit or (prototypes is not None and prototypes.shape[1:] != (length,)):
@@ -160,6 +170,7 @@ def _prior_of(tensors: dict[str, Tensor], header: dict[str, Any], path: Path) ->
         guess=guess,
         surface_misfit=surface_misfit,
         kinds=kinds,
+        proportions=proportions,
     )
 
 

@@ -10,10 +10,12 @@ from typing import Any
 
 import numpy as np
 
+from factors.proportions import Proportions
 from objgraph.errors import ProcessError
 from objgraph.priors.shape_prior import ShapePrior
 from objgraph.priors.store import save_prior
 from objgraph.training.codes.fit import FitError, fit_error, typical_codes
+from objgraph.training.codes.proportions import fit_proportions
 from objgraph.training.decoder.train import TrainConfig, Trained, train
 from objgraph.training.guess.command import with_first_guess
 from objgraph.training.guess.data import Shape
@@ -100,6 +102,7 @@ def make_prior(
         prototypes=typical_codes(trained.codes),
         box=None if trained.box is None else trained.box.extents,
         anisotropy_sigma=None if trained.box is None else trained.box.anisotropy_sigma,
+        proportions=_proportions(corpus, trained),
     )
     collected = {entry.file for entry in corpus.unseen}
     unseen = [shape for shape in corpus.heldout if _file(shape.name) in collected]
@@ -144,6 +147,16 @@ def make_prior(
         "size_source": size_source,
     }
     return replace(prior, residual_sigma=next(iter(bands.values()), prior.residual_sigma), card=card)
+
+
+def _proportions(corpus: Corpus, trained: Trained) -> Proportions | None:
+    """Of the meshes as they are: warped copies, swaps and procedural shapes have proportions at random."""
+    names = {f"{entry.file}#0" for entry in corpus.used}
+    own = np.array([shape.name in names for shape in corpus.training], dtype=bool)
+    if trained.box is None or not own.any():
+        return None
+    extents = np.array([shape.extents for shape in corpus.training])[own]
+    return fit_proportions(trained.codes[own], extents, trained.box.extents, trained.code_covariance)
 
 
 def _file(shape: str) -> str:

@@ -21,6 +21,7 @@ from factors.full_distribution import FullDistribution
 from factors.gaussian_depth import Deterministic, Probabilistic, Sampled, Uncentred
 from factors.linearized import linearized
 from factors.priors import code_prior, placed_prior, scale_prior, sized_prior, upright_prior
+from factors.proportions import Proportions, proportions_prior
 from factors.state import ObjectKeys, ObjectState
 from factors.surface import SurfaceFactor
 from tests.factors.conftest import CODE_LENGTH, make_decoder, random_camera, random_state
@@ -206,6 +207,10 @@ def own_factor(kind: str, rng: np.random.Generator, state: ObjectState) -> Any:
         return placed_prior(KEYS, near.T_world_object, 0.1, 0.3, 0.2)
     if kind == "sized":
         return sized_prior(KEYS, near.log_scale, 0.1)
+    if kind == "proportions":
+        slope = rng.normal(size=(3, CODE_LENGTH))
+        known = Proportions(rng.normal(size=3), slope, 0.1 * np.eye(3) + 0.05)
+        return proportions_prior(KEYS, known, near.log_scale[0], 0.3)
     if kind == "kinds":
         mean = near.code + rng.normal(size=(3, CODE_LENGTH))
         return mixture_prior(KEYS, CodeMixture(np.full(3, 1 / 3), mean, rng.uniform(0.5, 2, mean.shape)))
@@ -214,7 +219,18 @@ def own_factor(kind: str, rng: np.random.Generator, state: ObjectState) -> Any:
     return floor_factor(rng, state, 0.4 if kind == "standing" else None)
 
 
-OWN = ["code", "scale", "upright", "placed", "sized", "kinds", "filled box", "floor", "standing"]
+OWN = [
+    "code",
+    "scale",
+    "upright",
+    "placed",
+    "sized",
+    "proportions",
+    "kinds",
+    "filled box",
+    "floor",
+    "standing",
+]
 
 
 @pytest.mark.parametrize("kind", OWN)

@@ -20,6 +20,7 @@ from factors.full_distribution import FullDistribution
 from factors.gaussian_depth import Deterministic, Probabilistic
 from factors.linearized import linearized
 from factors.priors import code_prior, placed_prior, scale_prior, sized_prior, upright_prior
+from factors.proportions import Proportions, proportions_prior
 from factors.superquadric import Superquadric, SuperquadricConfig
 from factors.surface import SurfaceFactor
 from tests.fuzz.api_cases import (
@@ -41,6 +42,7 @@ def test_names_of_the_package_are_there():
     assert all(hasattr(objgraph, name) for name in objgraph.__all__)
 
 
+PROPORTIONS = Proportions(np.zeros(3), np.zeros((3, 4)), np.eye(3))
 POINTS: dict[str, Any] = {
     "keys": KEYS,
     "decoder": PRIOR.decoder,
@@ -85,6 +87,10 @@ FACTORS: dict[Any, tuple[dict[str, Any], dict[str, Any]]] = {
     FilledBoxFactor: ({**dict(list(POINTS.items())[:2]), "box": np.full(3, 0.6), "sigma": 0.01}, {}),
     code_prior: ({"keys": KEYS, "mean": np.zeros(4), "covariance": np.eye(4)}, {}),
     scale_prior: ({"keys": KEYS, "mean_log_scale": 0.0, "size_sigma": 0.3, "anisotropy_sigma": 0.1}, {}),
+    proportions_prior: (
+        {"keys": KEYS, "proportions": PROPORTIONS, "mean_log_size": 0.0, "size_sigma": 0.3},
+        {},
+    ),
     upright_prior: ({"keys": KEYS, "up_world": UP, "sigma": 0.03}, {}),
     placed_prior: (
         {
@@ -106,6 +112,16 @@ FACTORS: dict[Any, tuple[dict[str, Any], dict[str, Any]]] = {
 def test_factors(make, data):
     good, optional = FACTORS[make]
     attempt(lambda **given: evaluated(make(**given)), **data.draw(arguments(good, optional)))
+
+
+@fuzzed
+@given(data=st.data())
+def test_proportions_of_codes(data):
+    good = {name: getattr(PROPORTIONS, name) for name in ("mean", "slope", "covariance")}
+    attempt(
+        lambda **given: evaluated(proportions_prior(KEYS, Proportions(**given), 0.0, 0.3)),
+        **data.draw(arguments(good)),
+    )
 
 
 @fuzzed

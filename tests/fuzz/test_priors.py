@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 from factors.code_mixture import CodeMixture
 from factors.decoder import Decoder, DecoderConfig
+from factors.proportions import Proportions
 from objgraph.cli.priors import PriorEntry, describe, priors_table
 from objgraph.priors.first_guess import FirstGuess, FirstGuessConfig
 from objgraph.priors.shape_prior import ShapePrior
@@ -41,7 +42,8 @@ def good(request, tmp_path_factory) -> Path:
     if request.param == "kinds":
         rng = np.random.default_rng(0)
         mixture = CodeMixture(np.array([0.25, 0.75]), rng.normal(size=(2, 3)), rng.uniform(0.5, 2.0, (2, 3)))
-        prior = replace(prior, kinds=mixture)
+        known = Proportions(np.zeros(3), rng.normal(size=(3, 3)), np.eye(3))
+        prior = replace(prior, kinds=mixture, proportions=known)
     path = tmp_path_factory.mktemp("prior") / "lamp.safetensors"
     save_prior(prior, path)
     use(path)

@@ -12,8 +12,7 @@ from objgraph.training.size import LEAST_SIGMA
 class BoxFrame:
     """Canonical coordinates stretched axis by axis to the category's typical box.
 
-    A shape's code then says nothing of its proportions: an object's three scales are its extents over the
-    typical ones. The distance stays that of the unstretched shape with a box diagonal of 1, so that times the
+    An object's three scales are then its extents over the typical ones, whatever its code. The distance stays that of the unstretched shape with a box diagonal of 1, so that times the
     metric diagonal it is metres, and to first order 1 / ||h|| of `factors.sdf.metres_per_unit` whatever the scales.
     """
 

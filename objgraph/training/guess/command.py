@@ -16,6 +16,7 @@ from objgraph.priors.first_guess import FirstGuess
 from objgraph.priors.registry import load_prior
 from objgraph.priors.shape_prior import ShapePrior
 from objgraph.priors.store import digest, save_prior
+from objgraph.training.codes.proportions import fit_proportions
 from objgraph.training.guess.data import Draws, Shape, draw_all
 from objgraph.training.guess.scenes import VIEWS, SceneConfig
 from objgraph.training.guess.shapes import known_shapes, random_shapes
@@ -89,6 +90,12 @@ def guess_command(command: GuessCommand) -> Path:
     work = command.work / prior.category
     with threads(command.threads), bars() as report:
         known = known_shapes(prior, seen, work, command.jobs, report)
+        if prior.box is not None and known:
+            codes, extents = (
+                np.array([getattr(each, name) for each in known]) for name in ("code", "extents")
+            )
+            found = fit_proportions(codes, extents, prior.box, prior.code_covariance)
+            prior = replace(prior, proportions=found or prior.proportions)
         drawn = random_shapes(prior, command.shapes, command.guess.seed, command.spread, known)
         often = -(-len(drawn) // len(known)) if known else 0
         shapes = [*known * often, *drawn]

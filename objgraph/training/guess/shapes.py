@@ -66,7 +66,10 @@ def random_shapes(
     elif prior.box is None:
         extents = [None] * count
     else:
-        edges = prior.box * np.exp(rng.normal(0, prior.anisotropy_sigma or 0.0, (count, 3)))
+        u = rng.normal(0, prior.anisotropy_sigma or 0.0, (count, 3))
+        if (said := prior.proportions) is not None:
+            u = said.of(codes) + rng.multivariate_normal(np.zeros(3), said.covariance, count)
+        edges = prior.box * np.exp(u)
         extents = edges / np.linalg.norm(edges, axis=1, keepdims=True)
     return [Shape(f"random {i}", extents[i], code=codes[i]) for i in range(count)]
 

@@ -15,6 +15,7 @@ from safetensors.torch import load_file, save_file
 from factors.code_mixture import CodeMixture
 from factors.decoder import Decoder, DecoderConfig
 from factors.errors import FactorError
+from factors.proportions import Proportions
 from factors.state import ObjectKeys, ObjectState
 from objgraph.cli.priors import describe
 from objgraph.errors import PriorError
@@ -197,6 +198,45 @@ def test_the_kinds_of_shapes_are_kept_and_codes_are_drawn_of_them(prior: ShapePr
         load_prior(path)
     save_prior(replace(prior, kinds=kinds), path)
     rewrite(path, lambda tensors, header: tensors.pop("kinds.log_variance"))
+    with pytest.raises(PriorError, match="no usable shape prior"):
+        load_prior(path)
+
+
+def test_what_codes_say_of_proportions_is_kept_and_holds_the_scales(
+    prior: ShapePrior, tmp_path: Path
+) -> None:
+    path = tmp_path / "lamp.safetensors"
+    rng = np.random.default_rng(0)
+    known = Proportions(rng.normal(size=3), rng.normal(size=(4, 3)).T[:, :3], 0.01 * np.eye(3))
+    boxed = replace(prior, box=np.array([0.5, 0.6, 0.7]), proportions=known)
+    save_prior(boxed, path)
+    loaded = load_prior(path)
+    assert loaded.proportions is not None
+    for name, value in vars(known).items():
+        assert_array_equal(getattr(loaded.proportions, name), value)
+    first = path.read_bytes()
+    save_prior(loaded, path)
+    assert path.read_bytes() == first
+    values, keys = gtsam.Values(), ObjectKeys.numbered(0)
+    code = rng.normal(size=3)
+    values.insert(keys.code, code)
+    values.insert(keys.log_scale, np.log(loaded.size_mean) + known.of(code))
+    assert loaded.scale_factor(keys).error(values) == pytest.approx(0.0, abs=1e-9)
+    assert replace(loaded, proportions=None).scale_factor(keys).keys() == [keys.log_scale]
+    for change in ({"slope": torch.zeros(3, 5)}, {"mean": torch.zeros(2)}, {"covariance": torch.zeros(3, 3)}):
+        save_prior(boxed, path)
+        named = {f"proportions.{name}": value for name, value in change.items()}
+        rewrite(path, lambda tensors, header, named=named: tensors.update(named))
+        with pytest.raises(PriorError, match=r"lamp\.safetensors.*proportions"):
+            load_prior(path)
+    save_prior(boxed, path)
+    rewrite(path, lambda tensors, header: tensors.pop("box"))
+    with pytest.raises(
+        PriorError, match="proportions are of codes of another length, or of shapes without a box"
+    ):
+        load_prior(path)
+    save_prior(boxed, path)
+    rewrite(path, lambda tensors, header: tensors.pop("proportions.mean"))
     with pytest.raises(PriorError, match="no usable shape prior"):
         load_prior(path)
 

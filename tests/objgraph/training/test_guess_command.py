@@ -10,9 +10,11 @@ import torch
 import trimesh
 from numpy.testing import assert_allclose
 
+from factors.proportions import Proportions
 from objgraph.errors import ConfigError, PriorError
 from objgraph.priors.first_guess import FirstGuess, FirstGuessConfig
 from objgraph.priors.mesh import extract_mesh
+from objgraph.priors.registry import load_prior
 from objgraph.priors.shape_prior import ShapePrior
 from objgraph.priors.store import save_prior
 from objgraph.training.guess import command as module
@@ -25,6 +27,40 @@ from tests.toys import TOY_CODE, toy_prior
 
 NETWORK = FirstGuessConfig(code_length=TOY_CODE, surface=16, free=8, heading_width=8, place_width=8, hidden=8)
 CONFIG = TrainGuessConfig(NETWORK, scenes=2, steps=1, batch=4, half_precision=False)
+
+
+def test_random_codes_have_the_proportions_that_the_prior_knows_them_to_have() -> None:
+    slope = np.zeros((3, TOY_CODE))
+    slope[2, 0] = 0.5
+    known = Proportions(np.array([0.0, 0.1, 0.0]), slope, 1e-8 * np.eye(3))
+    prior = replace(toy_prior(), box=np.array([0.5, 0.7, 0.5]), proportions=known)
+    for shape in random_shapes(prior, 20, seed=0):
+        assert prior.box is not None
+        assert shape.extents is not None
+        assert shape.code is not None
+        expected = prior.box * np.exp(known.of(shape.code))
+        assert_allclose(shape.extents, expected / np.linalg.norm(expected), rtol=1e-3)
+
+
+def test_meshes_that_a_prior_has_seen_say_what_codes_tell_of_proportions(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    box = np.array([0.5, 0.7, 0.5])
+    rng = np.random.default_rng(0)
+    seen = []
+    for i in range(60):
+        code = rng.normal(size=TOY_CODE)
+        seen.append(Shape(str(i), box * np.exp([0.0, 0.0, 0.5 * code[0]]), code))
+    monkeypatch.setattr(module, "known_shapes", lambda *_: seen)
+    monkeypatch.setattr(module, "with_first_guess", lambda prior, *_: prior)
+    path, out = tmp_path / "prior.safetensors", tmp_path / "out.safetensors"
+    save_prior(replace(toy_prior(), box=box), path)
+    folder = boxes(tmp_path / "meshes", "held.ply")
+    guess_command(GuessCommand(str(path), out, (folder,), shapes=1, guess=CONFIG))
+    found = load_prior(out).proportions
+    assert found is not None
+    assert_allclose(found.slope[2, 0], 0.5, atol=0.02)
+    assert_allclose(found.slope[:2], 0.0, atol=1e-6)
 
 
 def test_without_a_box_a_random_code_keeps_its_own_proportions(tmp_path: Path) -> None:

@@ -12,11 +12,13 @@ import torch
 from numpy.testing import assert_allclose, assert_array_equal
 from torch.distributions import Bernoulli
 
+from factors.decoder import Decoder, DecoderConfig
 from objgraph.errors import PriorError
 from objgraph.priors.mesh import extract_mesh
 from objgraph.priors.registry import load_prior
 from objgraph.priors.shape_prior import ShapePrior
 from objgraph.training.codes.fit import FitError, fit_error
+from objgraph.training.codes.proportions import FEWEST
 from objgraph.training.decoder.box_frame import BoxFrame
 from objgraph.training.decoder.losses import sign_errors
 from objgraph.training.decoder.train import (
@@ -27,7 +29,7 @@ from objgraph.training.decoder.train import (
     schedule,
     train,
 )
-from objgraph.training.export import attribution, make_prior, train_command
+from objgraph.training.export import _proportions, attribution, make_prior, train_command
 from objgraph.training.guess.train import TrainGuessConfig
 from objgraph.training.meshes.corpus import Corpus, CorpusConfig
 from objgraph.training.meshes.index import CadMesh
@@ -266,6 +268,28 @@ def test_what_a_prior_leaves_out_is_measured_on_what_people_made(
     assert len(errors) == 2
     assert abs(errors[0] - errors[1]) > 1e-4
     assert prior.residual_sigma == pytest.approx(np.median(chosen), rel=1e-3)
+
+
+@pytest.mark.parametrize("few", [0, 1])
+def test_meshes_as_they_are_say_what_codes_tell_of_proportions(few: int) -> None:
+    rng = np.random.default_rng(0)
+    count = FEWEST - few
+    codes = rng.normal(size=(count, 2))
+    box = np.array([0.6, 0.5, np.sqrt(0.39)])
+    extents = box * np.exp(np.outer(codes[:, 0], [0.0, 0.2, 0.0]))
+    meshes = [CadMesh(Path(), f"{i}.ply", f"{i}", "", "", "boxes", None) for i in range(count)]
+    shapes = [replace(ball(0.3, i), name=f"{i}.ply#0", extents=extents[i]) for i in range(count)]
+    others = [replace(ball(0.3, 0), name=name) for name in ("0.ply#1", "swap/0.ply+1.ply#0", "family 0")]
+    trained = Trained(
+        decoder=Decoder(DecoderConfig(code_length=2, width=8, depth=2, skip=1)), codes=np.concatenate([codes, 9 * rng.normal(size=(3, 2))]),
+        code_mean=np.zeros(2), code_covariance=np.eye(2), kinds=None, box=BoxFrame(box, 0.2), step=1, loss=0.0,
+    )  # fmt: skip
+    corpus = Corpus((*shapes, *others), (), tuple(meshes), (), {})
+    found = _proportions(corpus, trained)
+    assert (found is None) == (few > 0)
+    if found is not None:
+        assert_allclose(found.slope, [[0, 0], [0.2, 0], [0, 0]], atol=0.01)
+    assert _proportions(corpus, replace(trained, box=None)) is None
 
 
 def test_held_out_shapes_are_fitted_by_all_jobs_and_kept_in_order(
