@@ -66,8 +66,9 @@ def random_shapes(
     elif prior.box is None:
         extents = [None] * count
     else:
-        u = rng.normal(0, prior.anisotropy_sigma or 0.0, (count, 3))
-        if (said := prior.proportions) is not None:
+        if (said := prior.proportions) is None:
+            u = rng.normal(0, prior.anisotropy_sigma or 0.0, (count, 3))
+        else:
             u = said.of(codes) + rng.multivariate_normal(np.zeros(3), said.covariance, count)
         edges = prior.box * np.exp(u)
         extents = edges / np.linalg.norm(edges, axis=1, keepdims=True)

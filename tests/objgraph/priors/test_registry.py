@@ -6,11 +6,14 @@ from dataclasses import replace
 import gtsam
 import numpy as np
 import pytest
+import torch
 
 import objgraph
 from factors.state import ObjectState
+from objgraph.errors import PriorError
+from objgraph.priors.categories import ALIASES, LABELS, category_of
 from objgraph.priors.fallback import fallback_prior
-from objgraph.priors.registry import load_prior, prior_for
+from objgraph.priors.registry import WEIGHTS, available_priors, load_prior, prior_for
 from objgraph.priors.store import save_prior
 
 
@@ -60,3 +63,46 @@ def test_a_file_that_was_written_anew_is_read_anew(tmp_path):
     for size in (0.5, 0.6):
         save_prior(replace(fallback_prior("lamp"), size_mean=size), path)
         assert load_prior(path).size_mean == size
+
+
+def test_unknown_category_names_those_there_are() -> None:
+    with pytest.raises(
+        PriorError, match="no shape prior for category 'zebra'; available: bathtub, bed, bookshelf, cabinet, "
+    ):
+        load_prior("zebra")
+
+
+def test_shipped_priors() -> None:
+    names = (
+        "bathtub", "bed", "bookshelf", "cabinet", "car", "chair", "display", "sofa", "table", "trash_bin"
+    )  # fmt: skip
+    assert available_priors() == names
+    for category in available_priors():
+        prior = load_prior(category)
+        assert prior.category == category
+        guess = 0 if prior.guess is None else 4 * sum(value.numel() for value in prior.guess.parameters())
+        assert (WEIGHTS / f"{category}.safetensors").stat().st_size - guess < 1_500_000
+        assert guess < 4_000_000
+        assert np.linalg.eigvalsh(prior.code_covariance).min() > 0
+        assert 0 < prior.residual_sigma < 0.02
+        assert prior.card["heldout"]["collected"]
+        # of the others nothing was measured
+        measured = category in ("chair", "table")
+        assert (prior.surface_misfit != 1.0) == measured
+        with torch.no_grad():
+            code = torch.from_numpy(prior.code_mean[None]).float()
+            corners = 0.55 * torch.cartesian_prod(*[torch.tensor([-1.0, 1.0])] * 3)
+            assert (prior.decoder(corners, code) > 0.05).all()
+        attribution = (WEIGHTS / "ATTRIBUTION.txt").read_text()
+        owed = prior.card["data"]["collected"]
+        assert all(entry["attribution"] in attribution and entry["files"][0] in attribution for entry in owed)
+
+
+def test_labels_lead_to_one_category_and_to_its_prior() -> None:
+    assert set(available_priors()) <= set(LABELS)
+    assert len(ALIASES) == sum(len(labels) for labels in LABELS.values())
+    assert not set(ALIASES) & set(LABELS)
+    for label, category in ALIASES.items():
+        assert category_of(f" {label.upper().replace(' ', '_')}") == category
+    assert category_of("Piano") == "piano"
+    assert load_prior("Office Chair").category == "chair"

@@ -20,12 +20,10 @@ from factors.state import ObjectKeys, ObjectState
 from objgraph.cli.priors import describe
 from objgraph.errors import PriorError
 from objgraph.graph.builder import GraphConfig, ObjectBuilder
-from objgraph.priors.categories import ALIASES, LABELS, category_of
 from objgraph.priors.first_guess import FirstGuess, FirstGuessConfig
-from objgraph.priors.registry import WEIGHTS, available_priors, load_prior
+from objgraph.priors.registry import load_prior
 from objgraph.priors.shape_prior import ShapePrior
 from objgraph.priors.store import digest, save_prior
-from objgraph.training.size import LEAST_SIGMA, USUAL, size_statistics
 
 
 @pytest.fixture
@@ -320,39 +318,6 @@ def test_header_that_does_not_fit_the_weights(prior: ShapePrior, tmp_path: Path,
         load_prior(path)
 
 
-def test_unknown_category_names_those_there_are() -> None:
-    with pytest.raises(
-        PriorError, match="no shape prior for category 'zebra'; available: bathtub, bed, bookshelf, cabinet, "
-    ):
-        load_prior("zebra")
-
-
-def test_shipped_priors() -> None:
-    names = (
-        "bathtub", "bed", "bookshelf", "cabinet", "car", "chair", "display", "sofa", "table", "trash_bin"
-    )  # fmt: skip
-    assert available_priors() == names
-    for category in available_priors():
-        prior = load_prior(category)
-        assert prior.category == category
-        guess = 0 if prior.guess is None else 4 * sum(value.numel() for value in prior.guess.parameters())
-        assert (WEIGHTS / f"{category}.safetensors").stat().st_size - guess < 1_500_000
-        assert guess < 4_000_000
-        assert np.linalg.eigvalsh(prior.code_covariance).min() > 0
-        assert 0 < prior.residual_sigma < 0.02
-        assert prior.card["heldout"]["collected"]
-        # of the others nothing was measured
-        measured = category in ("chair", "table")
-        assert (prior.surface_misfit != 1.0) == measured
-        with torch.no_grad():
-            code = torch.from_numpy(prior.code_mean[None]).float()
-            corners = 0.55 * torch.cartesian_prod(*[torch.tensor([-1.0, 1.0])] * 3)
-            assert (prior.decoder(corners, code) > 0.05).all()
-        attribution = (WEIGHTS / "ATTRIBUTION.txt").read_text()
-        owed = prior.card["data"]["collected"]
-        assert all(entry["attribution"] in attribution and entry["files"][0] in attribution for entry in owed)
-
-
 def test_what_need_not_stand_has_no_feet() -> None:
     chair = load_prior("chair")
     assert chair.box is not None
@@ -367,33 +332,3 @@ def test_what_need_not_stand_has_no_feet() -> None:
     costs = [ObjectBuilder(config, up, 0.0).standing(prior, keys)[0].loss(lifted) for prior in (chair, lamp)]
     assert costs[0] > 10
     assert costs[1] == pytest.approx(0.0, abs=1e-6)
-
-
-def test_labels_lead_to_one_category_and_to_its_prior() -> None:
-    assert set(available_priors()) <= set(LABELS)
-    assert len(ALIASES) == sum(len(labels) for labels in LABELS.values())
-    assert not set(ALIASES) & set(LABELS)
-    for label, category in ALIASES.items():
-        assert category_of(f" {label.upper().replace(' ', '_')}") == category
-    assert category_of("Piano") == "piano"
-    assert load_prior("Office Chair").category == "chair"
-
-
-def test_size_statistics() -> None:
-    mean, sigma, _ = size_statistics("chair", [])
-    assert (mean, sigma) == pytest.approx(USUAL["chair"])
-    mean, sigma, _ = size_statistics(
-        "lamp", [(1.0, 0.0, 0.0), (0.5, 0.0, 0.0), (2.0, 0.0, 0.0), (90.0, 0.0, 0.0)]
-    )
-    assert mean == pytest.approx(1.0)
-    assert sigma == pytest.approx(np.log(2) * np.sqrt(2 / 3))
-    # many of one source count as ten
-    many, few = [(2.0, 0.0, 0.0)] * 500, [(1.0, 0.0, 0.0)] * 10
-    mean, sigma, _ = size_statistics("lamp", many + few, ["generator"] * 500 + ["shop"] * 10)
-    assert (mean, sigma) == pytest.approx((np.sqrt(2), np.log(2) / 2))
-    assert size_statistics("lamp", [])[1] >= 0.5
-    assert size_statistics("Couch", []) == size_statistics("sofa", [])
-    # meshes of one and the same size do not make the next lamp's known
-    assert size_statistics("lamp", [(0.3, 0.3, 1.5)] * 4)[1] == LEAST_SIGMA
-    # a model car of half a metre says nothing about cars
-    assert size_statistics("car", [(0.2, 0.2, 0.4)])[:2] == pytest.approx(USUAL["car"])

@@ -1,0 +1,26 @@
+"""How large objects of a category are, of the meshes at hand."""
+
+import numpy as np
+import pytest
+
+from objgraph.training.size import LEAST_SIGMA, USUAL, size_statistics
+
+
+def test_size_statistics() -> None:
+    mean, sigma, _ = size_statistics("chair", [])
+    assert (mean, sigma) == pytest.approx(USUAL["chair"])
+    mean, sigma, _ = size_statistics(
+        "lamp", [(1.0, 0.0, 0.0), (0.5, 0.0, 0.0), (2.0, 0.0, 0.0), (90.0, 0.0, 0.0)]
+    )
+    assert mean == pytest.approx(1.0)
+    assert sigma == pytest.approx(np.log(2) * np.sqrt(2 / 3))
+    # many of one source count as ten
+    many, few = [(2.0, 0.0, 0.0)] * 500, [(1.0, 0.0, 0.0)] * 10
+    mean, sigma, _ = size_statistics("lamp", many + few, ["generator"] * 500 + ["shop"] * 10)
+    assert (mean, sigma) == pytest.approx((np.sqrt(2), np.log(2) / 2))
+    assert size_statistics("lamp", [])[1] >= 0.5
+    assert size_statistics("Couch", []) == size_statistics("sofa", [])
+    # meshes of one and the same size do not make the next lamp's known
+    assert size_statistics("lamp", [(0.3, 0.3, 1.5)] * 4)[1] == LEAST_SIGMA
+    # a model car of half a metre says nothing about cars
+    assert size_statistics("car", [(0.2, 0.2, 0.4)])[:2] == pytest.approx(USUAL["car"])
