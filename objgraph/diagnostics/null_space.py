@@ -17,7 +17,7 @@ from objgraph.diagnostics.linear import sparse_jacobian
 TOLERANCE = 1e-6
 """A direction of which all factors together say less than this share of what they say of its variables counts
 as undetermined. Decoders work in single precision, so a freedom comes out as up to 1e-7 and not as zero; the
-loosest direction of well-posed maps is above 1e-3."""
+loosest direction of well-posed maps is above 1e-3, but of a long trajectory that is held at one end."""
 
 _DENSE = 400
 """Unknowns up to which a connected part is decomposed as a dense matrix."""
@@ -26,6 +26,8 @@ _CANDIDATE = 1e-10
 _SHIFT = 1e-13
 """Makes a singular Hessian invertible; small beside `_CANDIDATE`, large beside rounding."""
 _STEPS = 5
+_MOVES = 1e-4
+"""A factor is asked about a direction if it moves its variables by this share of those that are moved most."""
 _MOST = 256
 """Directions that are looked for in one large connected part: a longer list helps nobody."""
 
@@ -76,9 +78,10 @@ def scaled_jacobian(
 def null_space(
     jacobian: csc_matrix, tolerance: float = TOLERANCE, at_least: int = 0
 ) -> Float[np.ndarray, "d k"]:
-    """Orthonormal directions along which `jacobian` has singular values below `tolerance`.
+    """Orthonormal directions along which `jacobian` has singular values below `tolerance`, and each row says no more.
 
-    With `at_least`, as many of the loosest ones even if they are above it. Small connected parts are decomposed
+    Of a long chain that is held at one end the singular values fall with the square of its length, though the rows
+    near that end are as firm as any; what a row says of a freedom is rounding. With `at_least`, as many of the loosest ones even if they are above it. Small connected parts are decomposed
     as dense matrices, large ones by block inverse iteration; either finds a space that holds all candidates, in
     which the singular values are those of the Jacobian itself and not roots of the Hessian's eigenvalues.
     """
@@ -87,13 +90,23 @@ def null_space(
         part = jacobian[:, columns][rows]
         space = _loosest_dense(part.toarray()) if len(columns) <= _DENSE else _loosest_sparse(part)
         sigma, turn = right_singular(part @ space)
-        found += [(s, columns, space @ t) for s, t in zip(sigma, turn, strict=True)]
+        for s, vector in zip(sigma, (space @ turn.T).T, strict=True):
+            told = _told(part, vector) if s < tolerance else 0.0
+            found.append((max(s, told), columns, vector))
     found.sort(key=lambda item: item[0])
-    count = max(sum(sigma < tolerance for sigma, _, _ in found), min(at_least, len(found)))
+    count = max(sum(told < tolerance for told, _, _ in found), min(at_least, len(found)))
     basis = np.zeros((len(jacobian.indptr) - 1, count))
     for i, (_, columns, vector) in enumerate(found[:count]):
         basis[columns, i] = vector
     return basis
+
+
+def _told(part: csc_matrix, vector: Float[np.ndarray, "d"]) -> float:
+    """Most that a row says of a direction, beside how far the direction moves that row's variables."""
+    on = csc_matrix((np.ones_like(part.data), part.indices, part.indptr), part.shape)
+    moved = np.sqrt(on @ np.square(vector))
+    asked = moved > _MOVES * moved.max(initial=0.0)
+    return float((np.abs(part @ vector)[asked] / moved[asked]).max(initial=0.0))
 
 
 def small_null_space(matrix: Float[np.ndarray, "m d"], tolerance: float) -> Float[np.ndarray, "d k"]:

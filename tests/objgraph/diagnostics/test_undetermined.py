@@ -115,6 +115,25 @@ def test_a_floating_trajectory(n):
         check_determined(graph, values)
 
 
+@pytest.mark.parametrize("known", [1e-3, 1.0])
+def test_a_long_straight_trajectory_is_held_by_one_end(known):
+    """Three kilometres: what bends it whole is a share of 1e-7 of what each step says."""
+    noise = gtsam.noiseModel.Diagonal.Sigmas(np.array([0.01] * 3 + [0.02] * 3))
+    step, graph, values = (
+        gtsam.Pose3(gtsam.Rot3(), np.array([1.0, 0, 0])),
+        gtsam.NonlinearFactorGraph(),
+        gtsam.Values(),
+    )
+    for i in range(3000):
+        values.insert(X(i), gtsam.Pose3(gtsam.Rot3(), np.array([float(i), 0, 0])))
+        if i:
+            graph.push_back(gtsam.BetweenFactorPose3(X(i - 1), X(i), step, noise))
+    (found,) = undetermined(graph, values)
+    assert found.dof == 6
+    graph.push_back(gtsam.PriorFactorPose3(X(0), gtsam.Pose3(), gtsam.noiseModel.Isotropic.Sigma(6, known)))
+    assert undetermined(graph, values) == []
+
+
 def test_two_islands_are_two_findings():
     graph, values = chain(4)
     more, others = chain(3)
