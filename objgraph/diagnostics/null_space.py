@@ -81,9 +81,12 @@ def null_space(
     """Orthonormal directions along which `jacobian` has singular values below `tolerance`, and each row says no more.
 
     Of a long chain that is held at one end the singular values fall with the square of its length, though the rows
-    near that end are as firm as any; what a row says of a freedom is rounding. With `at_least`, as many of the loosest ones even if they are above it. Small connected parts are decomposed
-    as dense matrices, large ones by block inverse iteration; either finds a space that holds all candidates, in
-    which the singular values are those of the Jacobian itself and not roots of the Hessian's eigenvalues.
+    near that end are as firm as any; what a row says of a freedom is rounding. With `at_least`, as many of the loosest
+    ones even if they are above it.
+
+    Small connected parts are decomposed as dense matrices, large ones by block inverse iteration; either finds a space
+    that holds all candidates, in which the singular values are those of the Jacobian itself and not roots of the
+    Hessian's eigenvalues.
     """
     found: list[tuple[float, np.ndarray, np.ndarray]] = []
     for rows, columns in _parts(jacobian):
