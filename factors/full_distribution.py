@@ -71,30 +71,22 @@ class FullDistribution:
     def _weights(self, samples: RaySamples, spread: Float[Tensor, "r"]) -> "_Weights":
         cells, hit, depth = samples.cells, samples.targets.hit, samples.targets.depth
         end = torch.minimum(samples.targets.end, ESCAPE * torch.maximum(cells.far, depth))
-        near = cells.depth[:, 0] - 0.5 * cells.width[:, 0]
-        width = cells.width * (cells.depth < end[:, None])
+        start = cells.depth - 0.5 * cells.width
         # the ray outside of the box: from a hit's depth to the box, from the box to the depth, from both to the end
-        start = torch.stack([depth, cells.far, torch.maximum(cells.far, depth)], dim=1)
-        stop = torch.stack(
-            [torch.where(hit, torch.minimum(near, end), depth), torch.minimum(depth, end), end], 1
-        )
-        stop = torch.maximum(start, stop)
-        if self.reach is None:
-            return _Weights(width, (stop - start)[:, 0], (stop - start)[:, 1:])
-        reach, at = self.reach * spread[:, None], depth[:, None]
-        close = (torch.minimum(stop, at + reach) - torch.maximum(start, at - reach)).clamp_min(0.0)
-        rest = stop - start - close
-        offset = cells.depth - at
-        near_by = offset.abs() < reach
-        front, back = ~near_by & (offset < 0), ~near_by & (offset > 0)
-        front_length = (width * front).sum(dim=1) + rest[:, 1]
-        back_length = (width * back).sum(dim=1) + rest[:, 0] + rest[:, 2]
-        front_share, back_share = (
-            (spread / length.clamp_min(1e-12)).clamp_max(1.0) for length in (front_length, back_length)
-        )
-        width = width * (near_by + front * front_share[:, None] + back * back_share[:, None])
-        outside = close + rest * torch.stack([back_share, front_share, back_share], dim=1)
-        return _Weights(width, outside[:, 0], outside[:, 1:])
+        before = torch.where(hit, torch.minimum(start[:, 0], end), depth)
+        low = torch.column_stack([start, depth, cells.far, torch.maximum(cells.far, depth)])
+        high = torch.column_stack([start + cells.width, before, torch.minimum(depth, end), end])
+        length = (torch.minimum(high, end[:, None]) - low).clamp_min(0.0)
+        if self.reach is not None:
+            reach, at = self.reach * spread[:, None], depth[:, None]
+            high = low + length
+            front = (torch.minimum(high, at - reach) - low).clamp_min(0.0)
+            back = (high - torch.maximum(low, at + reach)).clamp_min(0.0)
+            # a cell may be longer than the reach: what counts in full is its part within
+            length = length - front - back
+            for rest in (front, back):
+                length = length + rest * (spread / rest.sum(dim=1).clamp_min(1e-12)).clamp_max(1.0)[:, None]
+        return _Weights(length[:, :-3], length[:, -3], length[:, -2:])
 
 
 class _Weights(NamedTuple):

@@ -164,9 +164,11 @@ def sunk_sphere(radius_m: float, depth_m: float) -> tuple[float, float]:
 
 
 def test_what_is_large_weighs_by_the_floor_that_it_is_in_however_far_apart_the_rays_are():
-    """A cap of a sphere r, d deep, is pi (2 r - d) d large."""
+    """A cap of a sphere r, d deep, is pi (2 r - d) d large; no ray counts for more than one where they are far apart."""
     (few, _), (many, _) = sunk_sphere(1.0, 0.2), sunk_sphere(4.0, 0.2)
-    assert many / few == pytest.approx((8 - 0.2) / (2 - 0.2), rel=0.35)
+    apart = 0.42 * np.sqrt(3) * 4.0 / 0.4 / 30
+    thinner = (floor_share(apart) / apart**2) / (floor_share(0.08) / 0.08**2)
+    assert many / few == pytest.approx(thinner * (8 - 0.2) / (2 - 0.2), rel=0.1)
 
 
 def test_what_is_far_under_the_floor_is_pushed_up_too():
