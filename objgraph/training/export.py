@@ -151,12 +151,13 @@ def make_prior(
 
 def _proportions(corpus: Corpus, trained: Trained) -> Proportions | None:
     """Of the meshes as they are: warped copies, swaps and procedural shapes have proportions at random."""
-    names = {f"{entry.file}#0" for entry in corpus.used}
-    own = np.array([shape.name in names for shape in corpus.training], dtype=bool)
+    source = {f"{entry.file}#0": entry.source for entry in corpus.used}
+    own = np.array([shape.name in source for shape in corpus.training], dtype=bool)
     if trained.box is None or not own.any():
         return None
     extents = np.array([shape.extents for shape in corpus.training])[own]
-    return fit_proportions(trained.codes[own], extents, trained.box.extents, trained.code_covariance)
+    sources = [source[shape.name] for shape in corpus.training if shape.name in source]
+    return fit_proportions(trained.codes[own], extents, trained.box.extents, trained.code_covariance, sources)
 
 
 def _file(shape: str) -> str:

@@ -4,6 +4,7 @@ from collections import Counter
 from collections.abc import Sequence
 
 import numpy as np
+from jaxtyping import Float
 
 from objgraph.priors.categories import category_of
 
@@ -36,6 +37,12 @@ _MOST = 10.0
 """Meshes that the usual sizes count as, and that no source counts more than: a generator's spread is its author's."""
 
 
+def source_weights(sources: Sequence[str]) -> Float[np.ndarray, "n"]:
+    """What each mesh counts, of the source that it is from: a source with many counts as `_MOST`."""
+    counts = Counter(sources)
+    return np.array([min(1.0, _MOST / counts[source]) for source in sources])
+
+
 def size_statistics(
     category: str, extents: Sequence[tuple[float, float, float]], sources: Sequence[str] | None = None
 ) -> tuple[float, float, str]:
@@ -49,11 +56,8 @@ def size_statistics(
     category = category_of(category)  # a couch is as large as a sofa
     low, high = _PLAUSIBLE.get(category, _PLAUSIBLE_ANYTHING)
     good = (diagonals > low) & (diagonals < high)
-    counts = Counter(source for source, is_good in zip(sources, good, strict=True) if is_good)
-    logs = np.log(diagonals[good])
-    weights = np.array(
-        [min(1.0, _MOST / counts[s]) for s, is_good in zip(sources, good, strict=True) if is_good]
-    )
+    kept = [source for source, is_good in zip(sources, good, strict=True) if is_good]
+    logs, weights = np.log(diagonals[good]), source_weights(kept)
     known = USUAL.get(category)
     if known is None and len(logs) < 3:
         return 1.0, 0.5, "unknown: too few metric meshes; a wide guess"
@@ -61,7 +65,7 @@ def size_statistics(
     total = count + weights.sum()
     mean = (count * usual + weights @ logs) / total
     variance = (count * (sigma**2 + (usual - mean) ** 2) + weights @ (logs - mean) ** 2) / total
-    words = f"{len(logs)} metric meshes of {len(counts)} sources, each counted as {_MOST:g} at most"
+    words = f"{len(logs)} metric meshes of {len(set(kept))} sources, each counted as {_MOST:g} at most"
     return (
         float(np.exp(mean)),
         max(LEAST_SIGMA, float(np.sqrt(variance))),

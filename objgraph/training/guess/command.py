@@ -94,7 +94,8 @@ def guess_command(command: GuessCommand) -> Path:
             codes, extents = (
                 np.array([getattr(each, name) for each in known]) for name in ("code", "extents")
             )
-            found = fit_proportions(codes, extents, prior.box, prior.code_covariance)
+            sources = [each.source for each in known]
+            found = fit_proportions(codes, extents, prior.box, prior.code_covariance, sources)
             prior = replace(prior, proportions=found or prior.proportions)
         drawn = random_shapes(prior, command.shapes, command.guess.seed, command.spread, known)
         often = -(-len(drawn) // len(known)) if known else 0

@@ -44,6 +44,8 @@ class Shape:
     code: Float[np.ndarray, "l"] | None = None
     mesh: trimesh.Trimesh | None = None
     """In its own proportions; without one it is what the prior makes of the code."""
+    source: str = ""
+    """Where the mesh is from."""
 
     def in_prior(self, prior: ShapePrior) -> trimesh.Trimesh:
         """Its mesh in the prior's canonical frame. Raises SolveError where the code has no surface."""

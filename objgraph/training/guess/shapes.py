@@ -48,7 +48,7 @@ def known_shapes(
         codes = in_order(pool, (partial(_best_code, samples, prior, cache) for _, samples in pairs))
         for (entry, samples), code in zip(pairs, codes, strict=True):
             mesh = canonical(read_mesh(entry.path), entry.file)
-            shapes.append(Shape(entry.file, samples.extents, code, mesh))
+            shapes.append(Shape(entry.file, samples.extents, code, mesh, entry.source))
             if progress is not None:
                 progress("looking for their codes", len(shapes), len(pairs))
     return shapes

@@ -37,6 +37,25 @@ def test_codes_that_say_nothing_leave_all_of_it_over():
     assert_allclose(np.sqrt(np.diag(found.covariance)), 0.3, rtol=0.25)
 
 
+def test_a_generators_many_shapes_do_not_outweigh_what_people_made():
+    codes, extents, covariance = drawn(600)
+    rng = np.random.default_rng(3)
+    own = np.arange(600) < 60
+    extents[own] = BOX * np.exp(rng.normal(0.1, 0.3, (60, 3)))
+    sources = [f"author {i}" if by_people else "generator" for i, by_people in enumerate(own)]
+    found = fit_proportions(codes, extents, BOX, covariance, sources)
+    assert found is not None
+    # 60 and 10 count, the former with a deviation of .3; of the depth the codes say nothing for most
+    assert_allclose(np.sqrt(np.diag(found.covariance))[:2], 0.3 * np.sqrt(60 / 70), rtol=0.2)
+    assert np.abs(found.slope[2, 0]) < 0.2
+    alike = fit_proportions(codes, extents, BOX, covariance)
+    assert alike is not None
+    assert (np.diag(alike.covariance) < 0.5 * np.diag(found.covariance)).all()
+    same = fit_proportions(codes, extents, BOX, covariance, ["generator"] * 600)
+    assert same is not None
+    assert_allclose(same.slope, alike.slope)
+
+
 @pytest.mark.parametrize(("count", "enough"), [(FEWEST - 1, False), (FEWEST, True)])
 def test_of_few_shapes_nothing_is_said(count, enough):
     assert (fit_proportions(*drawn(count)[:2], BOX, np.eye(4)) is not None) == enough
