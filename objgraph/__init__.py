@@ -15,8 +15,9 @@ if TYPE_CHECKING:
     from objgraph.datasets.registry import load_lidar_frame, load_scan
     from objgraph.errors import ObjectGraphError
     from objgraph.graph.builder import DetectedBox, GraphConfig, ObjectBuilder
+    from objgraph.graph.handle import ObjectHandle
     from objgraph.graph.headings import place
-    from objgraph.graph.object_graph import ObjectGraph, ObjectHandle
+    from objgraph.graph.object_graph import ObjectGraph
     from objgraph.graph.solve import Problem, SolverConfig, solve
     from objgraph.maps.object_map import ObjectMap
     from objgraph.maps.pipeline import MappingConfig, map_scan
@@ -79,7 +80,8 @@ _HOMES = {
     "objgraph.errors": "ObjectGraphError",
     "objgraph.graph.builder": "DetectedBox GraphConfig ObjectBuilder",
     "objgraph.graph.headings": "place",
-    "objgraph.graph.object_graph": "ObjectGraph ObjectHandle",
+    "objgraph.graph.handle": "ObjectHandle",
+    "objgraph.graph.object_graph": "ObjectGraph",
     "objgraph.graph.solve": "Problem SolverConfig solve",
     "objgraph.maps.object_map": "ObjectMap",
     "objgraph.maps.pipeline": "MappingConfig map_scan",

@@ -1,9 +1,7 @@
 """Objects inside a GTSAM graph that the caller owns."""
 
 import itertools
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
-from typing import NamedTuple
+from collections.abc import Callable, Collection, Iterable, Sequence
 
 import gtsam
 import numpy as np
@@ -23,6 +21,7 @@ from objgraph.diagnostics.keys import is_pose
 from objgraph.diagnostics.undetermined import require_values
 from objgraph.errors import ConfigError, ObjectGraphError, ObservationError, PriorError, SolveError
 from objgraph.graph.builder import DetectedBox, GraphConfig, ObjectBuilder
+from objgraph.graph.handle import ObjectHandle, Sighting
 from objgraph.graph.headings import place
 from objgraph.graph.initialise import InitialisationConfig
 from objgraph.graph.solve import Problem, SolverConfig, solve
@@ -32,31 +31,6 @@ from objgraph.priors.shape_prior import ShapePrior
 
 JOINT_ROUNDS = 20
 """Of the solver, at most, where cameras and objects are unknown together."""
-
-
-class Sighting(NamedTuple):
-    """One view of an object, and from where: as `ObjectGraph.observe` was told."""
-
-    view: ObjectView
-    camera: gtsam.Pose3 | int
-    body_T_camera: gtsam.Pose3 | None
-
-
-@dataclass
-class ObjectHandle:
-    """One object of an `ObjectGraph`."""
-
-    name: str
-    keys: ObjectKeys
-    prior: ShapePrior
-    factors: list[ObservationFactor] = field(default_factory=list)
-    """Those that use the decoder."""
-    sightings: list[Sighting] = field(default_factory=list)
-    """What it was observed in."""
-    other_headings: HeadingModes | None = None
-    """How likely it stands as estimated or turned, by the views that it was placed by."""
-    slots: dict[int, gtsam.NonlinearFactor] = field(default_factory=dict)
-    """All its factors by their index in the caller's graph."""
 
 
 class ObjectGraph:
@@ -158,8 +132,11 @@ class ObjectGraph:
                 f"{handle.name}: with body_T_camera, `camera` must be the body's pose or its key"
             )
         camera = view.T_world_camera if camera is None else camera
-        self.add_factors(handle, self.builder.view(handle.prior, handle.keys, view, camera, body_T_camera))
-        handle.sightings.append(Sighting(view, camera, body_T_camera))
+        factors = self.builder.view(handle.prior, handle.keys, view, camera, body_T_camera)
+        begin = self.graph.size()
+        self.add_factors(handle, factors)
+        slots = tuple(range(begin, self.graph.size()))
+        handle.sightings.append(Sighting(view, camera, body_T_camera, tuple(factors), slots))
 
     def add_factors(self, handle: ObjectHandle, factors: Sequence[ObservationFactor]) -> None:
         """Add observation factors on the object's keys that were made elsewhere; raises FactorError of another object's."""
@@ -197,15 +174,31 @@ class ObjectGraph:
                 not in the graph any more; nothing has been changed.
         """
         self._check_removable(handle)
-        for slot in handle.slots:
-            self.graph.remove(slot)
-        size = self.graph.size()
-        while size and not self.graph.exists(size - 1):
-            size -= 1
-        self.graph.resize(size)
+        self._take_out(handle.slots)
         for key in handle.keys:
             self.values.erase(key)
         self.objects[:] = [each for each in self.objects if each is not handle]
+
+    def remove_view(self, handle: ObjectHandle, view: ObjectView) -> None:
+        """Take the factors of a view that `observe` was given out again; the estimate stays as it is, and so does what the view
+        said when the object was placed.
+
+        Raises:
+            FactorError: the object is not in this graph, was not observed in the view, or the view's factors are not in the
+                graph any more; nothing has been changed.
+        """
+        self._check_known(handle)
+        gone = [each for each in handle.sightings if each.view is view]
+        if not gone:
+            raise FactorError(f"{handle.name} was not observed in this view, or it was taken out already")
+        slots = [slot for each in gone for slot in each.slots]
+        self._check_there(handle, slots)
+        self._take_out(slots)
+        factors = {id(factor) for each in gone for factor in each.factors}
+        for slot in slots:
+            del handle.slots[slot]
+        handle.factors[:] = [factor for factor in handle.factors if id(factor) not in factors]
+        handle.sightings[:] = [each for each in handle.sightings if each.view is not view]
 
     def refresh(self, annealing: Annealing = Annealing()) -> None:  # noqa: B008
         """Freeze noise and ray samples at the current values; the caller's optimiser may then run."""
@@ -267,7 +260,7 @@ class ObjectGraph:
         or the values hold no such camera."""
         self._check_known(handle)
         found = []
-        for view, camera, body_T_camera in handle.sightings:
+        for view, camera, body_T_camera, *_ in handle.sightings:
             if not isinstance(camera, gtsam.Pose3):
                 if not is_pose(camera, self.values):
                     raise FactorError(f"{handle.name}: the values hold no camera at {readable_key(camera)}")
@@ -330,21 +323,34 @@ class ObjectGraph:
         if not any(each is handle for each in self.objects):
             raise FactorError(f"{handle.name} is not in this graph")
 
+    def _take_out(self, slots: Iterable[int]) -> None:
+        for slot in slots:
+            self.graph.remove(slot)
+        size = self.graph.size()
+        while size and not self.graph.exists(size - 1):
+            size -= 1
+        self.graph.resize(size)
+
+    def _keys_at(self, slot: int) -> list[int] | None:
+        return list(self.graph.at(slot).keys()) if self.graph.exists(slot) else None
+
+    def _check_there(self, handle: ObjectHandle, slots: Collection[int]) -> None:
+        if max(slots, default=-1) >= self.graph.size():
+            raise FactorError(f"{handle.name}: the graph was shortened, its factors are not in it any more")
+        for slot in slots:
+            if self._keys_at(slot) != list(handle.slots[slot].keys()):
+                raise FactorError(
+                    f"{handle.name}: the graph was rearranged, its factor {slot} is another one now"
+                )
+
     def _check_removable(self, handle: ObjectHandle) -> None:
         self._check_known(handle)
-        own = set(handle.keys)
-        if max(handle.slots, default=-1) >= self.graph.size():
-            raise FactorError(f"{handle.name}: the graph was shortened, its factors are not in it any more")
-        for i in range(self.graph.size()):
-            found = list(self.graph.at(i).keys()) if self.graph.exists(i) else None
-            expected = handle.slots.get(i)
-            if expected is not None and found != list(expected.keys()):
-                raise FactorError(
-                    f"{handle.name}: the graph was rearranged, its factor {i} is another one now"
-                )
-            if expected is None and found is not None and own.intersection(found):
+        self._check_there(handle, handle.slots)
+        for slot in range(self.graph.size()):
+            found = self._keys_at(slot)
+            if slot not in handle.slots and found is not None and set(handle.keys).intersection(found):
                 names = ", ".join(readable_key(key) for key in found)
-                raise FactorError(f"{handle.name} cannot be removed: your factor {i} on {names} holds it")
+                raise FactorError(f"{handle.name} cannot be removed: your factor {slot} on {names} holds it")
 
     def _free_number(self) -> int:
         """One that no object's name ends with: where one was removed there are fewer objects than numbers."""

@@ -17,7 +17,8 @@ import torch
 
 from objgraph.bench.speed.crates import CRATE, PERIOD, UP, camera
 from objgraph.bench.speed.updates import CONFIG, map_of, solved_crates
-from objgraph.graph.object_graph import ObjectGraph, ObjectHandle
+from objgraph.graph.handle import ObjectHandle
+from objgraph.graph.object_graph import ObjectGraph
 from objgraph.priors.fallback import fallback_prior
 
 QUERIES = 20

@@ -99,6 +99,8 @@ def test_what_is_asked_of_a_graph(data):
     attempt(objects.joint_marginals, handle, others)
     for ask in (objects.marginals, objects.state, objects.stand_on_floor, objects.remove_object):
         attempt(ask, handles)
+    attempt(objects.remove_view, handles, VIEWS[0])
+    attempt(objects.remove_view, handle, data.draw(wrong(VIEWS[0])))
     attempt(objects.refresh, data.draw(wrong(Annealing())))
     attempt(objects.optimize, data.draw(wrong(BRIEF)))
 

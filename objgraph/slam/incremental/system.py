@@ -12,7 +12,8 @@ from factors.keys import readable_key
 from factors.state import ObjectState
 from objgraph.errors import ObjectGraphError, ObservationError, SolveError
 from objgraph.graph.builder import ObjectBuilder
-from objgraph.graph.object_graph import ObjectGraph, Sighting
+from objgraph.graph.handle import Sighting
+from objgraph.graph.object_graph import ObjectGraph
 from objgraph.observation.sampling import ObjectView
 from objgraph.slam.incremental.config import IncrementalConfig
 from objgraph.slam.incremental.local import at_optimum, settled, solved

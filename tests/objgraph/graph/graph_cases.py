@@ -7,7 +7,9 @@ import numpy as np
 from gtsam.symbol_shorthand import X
 
 from factors.state import ObjectState
-from objgraph.graph.object_graph import GraphConfig, ObjectGraph, ObjectHandle
+from objgraph.graph.builder import GraphConfig
+from objgraph.graph.handle import ObjectHandle
+from objgraph.graph.object_graph import ObjectGraph
 from objgraph.graph.solve import SolverConfig
 from objgraph.observation.sampling import SamplingConfig, observe
 from tests.toys import TOY_CODE, toy_frame, toy_prior

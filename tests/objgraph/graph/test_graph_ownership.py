@@ -210,6 +210,43 @@ def test_what_was_added_can_be_taken_out_again():
         objects.remove_object(first)
 
 
+def test_a_view_can_be_taken_out_again():
+    state, objects = toy_state(), empty()
+    views = views_of(state, [0.3, 0.5, 2.0])
+    handle = objects.add_object(toy_prior(), state.retract(0.3 * OFF))
+    objects.observe(handle, views[0])
+    objects.graph.push_back(gtsam.PriorFactorPose3(handle.keys.pose, state.T_world_object, pose_noise(1, 1)))
+    objects.observe(handle, views[1])
+    one, factors = objects.graph.error(objects.values), list(handle.factors)
+    objects.observe(handle, views[2])
+    objects.remove_view(handle, views[2])
+    assert handle.factors == factors
+    assert [each.view for each in handle.sightings] == views[:2]
+    assert objects.graph.error(objects.values) == one
+    # of one in the middle the slots stay empty, and nobody else's factors move
+    objects.remove_view(handle, views[0])
+    assert [slot for slot in handle.slots if not objects.graph.exists(slot)] == []
+    assert len(objects.views(handle)) == 1
+    assert handle.factors == factors[-2:]
+    objects.optimize(SHORT)
+    with pytest.raises(FactorError, match="chair 0 was not observed in this view"):
+        objects.remove_view(handle, views[0])
+
+
+def test_a_view_whose_factors_are_not_there_any_more_is_not_taken_out():
+    objects = empty()
+    handle = objects.add_object(toy_prior(), toy_state())
+    view = views_of(toy_state(), [0.3])[0]
+    objects.observe(handle, view)
+    slots, sightings = dict(handle.slots), list(handle.sightings)
+    objects.graph.resize(objects.graph.size() - 1)
+    with pytest.raises(FactorError, match="chair 0: the graph was shortened"):
+        objects.remove_view(handle, view)
+    assert (handle.slots, handle.sightings) == (slots, sightings)
+    with pytest.raises(FactorError, match="not in this graph"):
+        empty().remove_view(handle, view)
+
+
 def test_the_graph_is_as_long_as_before_once_everything_is_taken_out():
     objects = ObjectGraph(*own_slam(), up_world=UP)
     size = objects.graph.size()
