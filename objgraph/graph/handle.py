@@ -20,7 +20,7 @@ class Sighting(NamedTuple):
     body_T_camera: gtsam.Pose3 | None
     factors: tuple[ObservationFactor, ...] = ()
     slots: tuple[int, ...] = ()
-    """The factors' indices in the caller's graph."""
+    """The factors' indices in the caller's graph; none where they were added otherwise than by `observe`."""
 
 
 @dataclass

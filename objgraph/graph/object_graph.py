@@ -184,13 +184,17 @@ class ObjectGraph:
         said when the object was placed.
 
         Raises:
-            FactorError: the object is not in this graph, was not observed in the view, or the view's factors are not in the
-                graph any more; nothing has been changed.
+            FactorError: the object is not in this graph, was not observed in the view by this graph's `observe`, or the view's
+                factors are not in the graph any more; nothing has been changed.
         """
         self._check_known(handle)
         gone = [each for each in handle.sightings if each.view is view]
         if not gone:
             raise FactorError(f"{handle.name} was not observed in this view, or it was taken out already")
+        if not all(each.slots for each in gone):
+            raise FactorError(
+                f"{handle.name}: the view's factors came otherwise than by `observe`, which they are is not known"
+            )
         slots = [slot for each in gone for slot in each.slots]
         self._check_there(handle, slots)
         self._take_out(slots)

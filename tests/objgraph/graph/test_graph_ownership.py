@@ -10,6 +10,7 @@ from gtsam.symbol_shorthand import L, O, X
 
 from factors.state import ObjectKeys
 from objgraph.errors import FactorError, ObservationError, PriorError, SolveError
+from objgraph.graph.handle import Sighting
 from objgraph.graph.object_graph import ObjectGraph
 from objgraph.graph.solve import LevenbergMarquardtConfig, SolverConfig
 from objgraph.observation.sampling import ObjectView
@@ -245,6 +246,20 @@ def test_a_view_whose_factors_are_not_there_any_more_is_not_taken_out():
     assert (handle.slots, handle.sightings) == (slots, sightings)
     with pytest.raises(FactorError, match="not in this graph"):
         empty().remove_view(handle, view)
+
+
+def test_a_view_whose_factors_were_added_otherwise_is_not_taken_out():
+    """As in the graph that an incremental map gives: without its factors a view must not be forgotten."""
+    objects = empty()
+    handle = objects.add_object(toy_prior(), toy_state())
+    view = views_of(toy_state(), [0.3])[0]
+    factors = objects.builder.view(handle.prior, handle.keys, view, view.T_world_camera, None)
+    objects.add_factors(handle, factors)
+    handle.sightings.append(Sighting(view, view.T_world_camera, None))
+    size = objects.graph.size()
+    with pytest.raises(FactorError, match="chair 0: the view's factors came otherwise than by `observe`"):
+        objects.remove_view(handle, view)
+    assert (objects.graph.size(), len(handle.sightings)) == (size, 1)
 
 
 def test_the_graph_is_as_long_as_before_once_everything_is_taken_out():
