@@ -48,13 +48,14 @@ class _Lines:
 
     def __call__(self, what: str, done: int, total: int) -> None:
         now = time.perf_counter()
-        if what != self._what:
+        anew = total != self._total or done < self._done
+        if anew or what != self._what:
             self._what, self._begun = what, self._told  # its first step began when the last thing was told
-        if total != self._total:
+        if anew:
             self._first = (max(done - 1, 0), self._told)  # what an earlier run has done took no time
-        stepped = done > (self._done if total == self._total else 0)
+        stepped = done > (0 if anew else self._done)
         self._done, self._total, self._told = done, total, now
-        soon = what == self._printed and done < total and now - self._printed_at < _PATIENCE
+        soon = not anew and what == self._printed and done < total and now - self._printed_at < _PATIENCE
         if not stepped or soon:
             return
         self._printed, self._printed_at = what, now

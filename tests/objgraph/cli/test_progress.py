@@ -42,6 +42,15 @@ def test_many_small_steps_are_told_at_first_at_last_and_now_and_then(lines):
     ]
 
 
+def test_the_same_work_again_is_told_from_its_first_step(lines):
+    steps = [("mapped", i + 1, 50) for i in range(50)] * 2
+    assert lines(steps)[3:] == [
+        "mapped: 1 of 50, 1.0 s, 49 s left",
+        "mapped: 31 of 50, 31.0 s, 19 s left",
+        "mapped: 50 of 50, 50.0 s",
+    ]
+
+
 def test_what_an_earlier_run_has_done_says_nothing_of_the_pace(lines):
     assert lines([("fitted", 90, 100), ("fitted", 91, 100)])[0] == "fitted: 90 of 100, 1.0 s, 10 s left"
 
