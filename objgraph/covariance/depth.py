@@ -10,8 +10,9 @@ from factors import checks
 from factors.checks import LENGTHS, PLACES, SHARES
 from factors.sdf_decoder import SdfDecoder
 from factors.state import ObjectState
+from objgraph.covariance.heading_ring import by_heading
 from objgraph.covariance.labelled import ObjectCovariance, of_one_object
-from objgraph.covariance.ray_end import ray_ends
+from objgraph.covariance.ray_end import mixed_ends, ray_ends
 from objgraph.errors import CovarianceError
 
 _PLACES_AT_ONCE = 2**15
@@ -82,7 +83,8 @@ def predicted_depth(
 ) -> DepthDistribution:
     """Distribution of the depth along rays with directions of z = 1, from the uncertain SDF along each.
 
-    The SDF is linear in all but moves along the ray: of a ray through the object nearer to a flat side's outline than that may
+    A heading that is known to no better than 15 degrees is integrated over (`by_heading`). The SDF is linear in all else but
+    moves along the ray: of a ray through the object nearer to a flat side's outline than that may
     move, a hit is said to be surer than it is (1 cm within an outline known to 2 cm: 0.8 to 0.96, truly 0.69).
     `residual_sigma` is the decoder's own error, canonical (`ShapePrior.residual_sigma`); the sensor's noise and other
     objects are not in it.
@@ -101,10 +103,15 @@ def predicted_depth(
     checks.number("residual_sigma", residual_sigma, LENGTHS, CovarianceError)
     checks.whole("samples", samples, checks.Range(2, 10_000), CovarianceError)
     depth, reached = np.zeros((2, len(directions_camera), samples))
+    parts = by_heading(state, covariance)
     at_once = max(1, _PLACES_AT_ONCE // samples)
     for i in range(0, len(depth), at_once):
         some = slice(i, i + at_once)
-        depth[some], reached[some] = ray_ends(
-            decoder, state, covariance, T_world_camera, directions_camera[some], residual_sigma, samples
+        found = [
+            ray_ends(decoder, turned, known, T_world_camera, directions_camera[some], residual_sigma, samples)
+            for _, turned, known in parts
+        ]
+        depth[some], reached[some] = (
+            found[0] if len(parts) == 1 else mixed_ends([share for share, _, _ in parts], found)
         )
     return DepthDistribution(depth, reached)

@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from factors import checks
+from factors.state import ObjectState
 from objgraph.covariance.labelled import ObjectCovariance
 from objgraph.errors import CovarianceError
 
@@ -16,6 +17,8 @@ _HEADING = 1
 """Rotation about the object's y axis, which is up in every prior's frame, in `RIGID_AXES`."""
 _DOUBTFUL = np.radians(2.5)
 """A heading that is known better than this locally, all else being known, is not asked for elsewhere."""
+_NEGLIGIBLE = 1e-4
+"""Probability of a heading that is left out."""
 
 
 def with_other_headings(
@@ -35,6 +38,29 @@ def with_other_headings(
     matrix = covariance.matrix.copy()
     matrix[_HEADING, _HEADING] += max(heading_variance(costs()) - known, 0.0)
     return replace(covariance, matrix=matrix)
+
+
+def by_heading(
+    state: ObjectState, covariance: ObjectCovariance
+) -> list[tuple[float, ObjectState, ObjectCovariance]]:
+    """The same distribution in parts, each with its probability, whose heading is known to a step: one where it is anyway, up to
+    `HEADINGS` where nothing tells it. A full turn leads back; what goes along with the heading is turned with it."""
+    matrix, step = covariance.matrix, 2 * np.pi / HEADINGS
+    variance, within = matrix[_HEADING, _HEADING], step**2 / 12
+    if variance < step**2:
+        return [(1.0, state, covariance)]
+    along = matrix[:, _HEADING] / variance
+    known = replace(covariance, matrix=matrix - (variance - within) * np.outer(along, along))
+    angle = step * (np.arange(HEADINGS) - HEADINGS // 2)
+    wound = angle[:, None] + 2 * np.pi * np.arange(-5, 6)
+    # what is known to a full turn is not known at all
+    weight = np.exp(-0.5 * wound**2 / min(variance - within, 4 * np.pi**2)).sum(axis=1)
+    weight /= weight.sum()
+    return [
+        (float(share), state.retract(along * turn), known)
+        for share, turn in zip(weight, angle, strict=True)
+        if share > _NEGLIGIBLE
+    ]
 
 
 def heading_variance(costs: Float[np.ndarray, "n"]) -> float:

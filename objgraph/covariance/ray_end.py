@@ -4,6 +4,7 @@ An object that moves along a ray moves where the ray ends by as much, however fa
 So what goes along with that move is integrated over, the SDF moving with it, and decoded where the object is estimated to be.
 """
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import gtsam
@@ -73,6 +74,24 @@ def ray_ends(
     )
     knots, ended = _ended(start, cells.depth, moved)
     depth[meets], reached[meets] = knots.numpy(), ended.numpy()
+    return depth, reached
+
+
+def mixed_ends(
+    shares: Sequence[float], parts: Sequence[tuple[Float[np.ndarray, "r k"], Float[np.ndarray, "r k"]]]
+) -> tuple[Float[np.ndarray, "r k"], Float[np.ndarray, "r k"]]:
+    """The same of an object that is one of several, of which `parts` are what `ray_ends` found."""
+    depth = np.zeros_like(parts[0][0])
+    reached = np.zeros_like(depth)
+    for i in range(len(depth)):
+        meets = [(share, d[i], p[i]) for share, (d, p) in zip(shares, parts, strict=True) if p[i, -1] > 0]
+        if not meets:
+            continue
+        at = np.sort(np.concatenate([d for _, d, _ in meets]))
+        ended = np.sum([share * np.interp(at, d, p, left=0.0) for share, d, p in meets], axis=0)
+        depth[i] = np.interp(ended[-1] * _levels(depth.shape[1], torch.float64).numpy(), ended, at)
+        reached[i] = np.interp(depth[i], at, ended)
+        reached[i, -1] = ended[-1]
     return depth, reached
 
 
@@ -213,10 +232,13 @@ def _knots(
     at, order = at.flatten(1).clamp_min(_NEAREST).sort(dim=1)
     ends = ends.flatten(1).gather(1, order) + 1e-15
     share = ends.cumsum(dim=1) / ends.sum(dim=1, keepdim=True)
-    levels = (
-        (0.5 * torch.pi * torch.linspace(0, 1, count, dtype=at.dtype)).sin().square().clamp(1e-6, 1 - 1e-6)
-    )
+    levels = _levels(count, at.dtype)
     return at.gather(1, torch.searchsorted(share, levels.expand(len(at), -1).contiguous()))
+
+
+def _levels(count: int, dtype: torch.dtype) -> Float[Tensor, "n"]:
+    """Shares of the rays that end, dense towards none and all."""
+    return (0.5 * torch.pi * torch.linspace(0, 1, count, dtype=dtype)).sin().square().clamp(1e-6, 1 - 1e-6)
 
 
 def _mixed(

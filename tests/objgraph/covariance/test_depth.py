@@ -152,6 +152,51 @@ def test_rays_that_pass_an_outline_hit_as_often_as_it_comes_over_them(along, sam
     np.testing.assert_allclose(found.hit, norm.sf(beside / blurred), atol=0.02)
 
 
+def turning(covariance: ObjectCovariance, degrees: float) -> ObjectCovariance:
+    """The heading is known to so much."""
+    matrix = covariance.matrix.copy()
+    matrix[1, 1] = np.radians(degrees) ** 2
+    return ObjectCovariance.of(matrix, "marginals")
+
+
+@pytest.mark.parametrize("degrees", [10.0, 20.0, 60.0, 104.0, 1e5])
+def test_what_is_round_ends_rays_where_it_does_whatever_its_heading(degrees):
+    """At 104 degrees, where nothing tells it, a ray in 20 cm from the sphere hit it, and one on it ended before it."""
+    rays, covariance = towards(0.0, 0.05, 0.1, 0.13, 0.2), uncertain(0.01, across=0.01)
+    known = predicted_depth(SPHERE, STATE, covariance, CAMERA, rays)
+    found = predicted_depth(SPHERE, STATE, turning(covariance, degrees), CAMERA, rays)
+    np.testing.assert_allclose(found.hit, known.hit, atol=2e-3)
+    np.testing.assert_allclose(found.mean, known.mean, atol=2e-3)
+    np.testing.assert_allclose(found.sigma, known.sigma, atol=2e-3)
+
+
+@pytest.mark.parametrize("degrees", [20.0, 40.0, 104.0])
+def test_a_heading_that_is_not_known_is_what_draws_of_it_show(degrees):
+    """Of a cabinet: linear in its heading it ended rays half a metre before where any heading has it."""
+    half, place = np.array([0.3, 0.4, 0.2]), np.array([0.0, 0.0, 2.2])
+    rays, rng = towards(0.0, 0.06, 0.1, 0.13, 0.15, 0.18, 0.22), np.random.default_rng(0)
+    turn, moved = np.radians(degrees) * rng.normal(size=5000), 0.01 * rng.normal(size=(5000, 3))
+    R = np.moveaxis(
+        np.array(
+            [[np.cos(turn), 0 * turn, np.sin(turn)], [0 * turn, 1 + 0 * turn, 0 * turn],
+             [-np.sin(turn), 0 * turn, np.cos(turn)]]
+        ), 2, 0,
+    )  # fmt: skip
+    eye = -np.einsum("nij,ni->nj", R, place + moved)[:, None]
+    along = np.einsum("nij,ri->nrj", R, rays) + 1e-12
+    sides = np.stack([(-half - eye) / along, (half - eye) / along])
+    near, far = sides.min(axis=0).max(axis=-1), sides.max(axis=0).min(axis=-1)
+    depth = np.where(far > near, near, np.nan)
+    state = replace(STATE, T_world_object=gtsam.Pose3(gtsam.Rot3(), place))
+    found = predicted_depth(
+        CabinetDecoder(), state, turning(uncertain(0.01, across=0.01), degrees), CAMERA, rays
+    )
+    np.testing.assert_allclose(found.hit, np.isfinite(depth).mean(axis=0), atol=0.08)
+    often = np.isfinite(depth).mean(axis=0) > 0.1
+    np.testing.assert_allclose(found.mean[often], np.nanmean(depth[:, often], axis=0), atol=0.02)
+    np.testing.assert_allclose(found.sigma[often], np.nanstd(depth[:, often], axis=0), atol=0.02)
+
+
 @pytest.mark.parametrize("grows", [0.05, 0.1, 0.15])
 def test_an_object_that_may_be_larger_than_its_box_is_hit_before_it(grows):
     matrix = 1e-10 * np.eye(14)

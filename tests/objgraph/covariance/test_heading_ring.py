@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from factors.state import ObjectState
-from objgraph.covariance.heading_ring import HEADINGS, heading_variance, with_other_headings
+from objgraph.covariance.heading_ring import HEADINGS, by_heading, heading_variance, with_other_headings
 from objgraph.covariance.labelled import ObjectCovariance
 from objgraph.errors import CovarianceError
 from objgraph.estimate.graph import GraphEstimator
@@ -107,3 +107,30 @@ def test_a_covariance_without_an_inverse_is_refused(matrix):
     singular = ObjectCovariance.of(matrix, "marginals")
     with pytest.raises(CovarianceError, match="not positive definite"):
         with_other_headings(singular, lambda: np.zeros(HEADINGS))
+
+
+@given(st.floats(np.radians(1), np.radians(50)), st.integers(0, 2**32 - 1))
+def test_parts_by_heading_have_the_moments_of_the_whole(sigma, seed):
+    rng = np.random.default_rng(seed)
+    mixing = rng.normal(size=(12, 12)) * np.array([0.01, 0.0, *[0.02] * 10])[:, None]
+    mixing[1] = 0.0
+    mixing = np.concatenate([mixing, sigma * np.array([0.1, 1.0, *[0.2] * 10])[:, None]], axis=1)
+    before = ObjectCovariance.of(mixing @ mixing.T, "marginals")
+    state = ObjectState(gtsam.Pose3(), np.zeros(3), np.zeros(3))
+    parts = by_heading(state, before)
+    # along the heading, which the pose's own tangent bends
+    steps = [(share, turned.code[0] / 0.2, each.matrix) for share, turned, each in parts]
+    assert sum(share for share, _, _ in steps) == pytest.approx(1, abs=3e-3)
+    along = before.matrix[:, 1] / before.matrix[1, 1]
+    spread = sum(share * turn**2 for share, turn, _ in steps) * np.outer(along, along)
+    whole = sum(share * matrix for share, _, matrix in steps) + spread
+    np.testing.assert_allclose(whole, before.matrix, atol=0.02 * sigma**2)
+    assert max(each.sigma[1] for _, _, each in parts) < np.radians(15)
+
+
+def test_of_a_heading_that_nothing_tells_all_are_as_likely():
+    parts = by_heading(ObjectState(gtsam.Pose3(), np.zeros(3), np.zeros(3)), covariance(1e3))
+    np.testing.assert_allclose([share for share, _, _ in parts], 1 / HEADINGS, rtol=1e-6)
+    angles = [turned.T_world_object.rotation().matrix()[[0, 0], [2, 0]] for _, turned, _ in parts]
+    found = np.sort(np.arctan2(*np.transpose(angles)) % (2 * np.pi))
+    np.testing.assert_allclose(np.diff(found), 2 * np.pi / HEADINGS, atol=1e-6)
