@@ -16,7 +16,7 @@ and a piece of surface err by far less once they have been seen (`objgraph.covar
 
 import logging
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Literal, get_args
 
 import gtsam
@@ -138,11 +138,15 @@ def next_views(
             f"criterion must be one of {', '.join(get_args(Criterion))}, not {criterion!r}"
         )
     config = checks.settings_or_default(config, NextViewConfig, ConfigError)
+    # rays are single precision's: far from the world's origin the scene is moved there, by whole hundreds of metres
+    to_here = gtsam.Pose3(gtsam.Rot3(), -np.round(objects[0].centre, -2))
+    objects = [_moved(to_here, target) for target in objects]
     meshes = [(target.vertices, target.faces) for target in objects]
     others = [
         _checked(i, mesh)
         for i, mesh in enumerate(checks.tuple_of("others", others, tuple, ActiveVisionError))
     ]
+    others = [(vertices + to_here.translation(), faces) for vertices, faces in others]
     scene = _scene([*meshes, *others])
     gains: list[dict[str, ObjectGain]] = [{} for _ in cameras]
     for i, target in enumerate(objects):
@@ -150,11 +154,27 @@ def next_views(
         turned = [_scene([(other.vertices, other.faces), *rest]) for other in target.others]
         judge = _Judge(target, scene, turned, config)
         for gain, camera in zip(gains, cameras, strict=True):
-            gain[target.name] = judge.gain(camera)
+            gain[target.name] = judge.gain(to_here.compose(camera))
         if progress is not None:
             progress(i + 1, len(objects))
     found = [ViewGain(camera, gain) for camera, gain in zip(cameras, gains, strict=True)]
     return sorted(found, key=lambda view: -view.total(criterion))
+
+
+def _moved(T: gtsam.Pose3, target: Target) -> Target:
+    """The same target in a world that is moved."""
+    by, state = T.translation(), target.state
+    others = tuple(
+        replace(other, points=other.points + by, vertices=other.vertices + by) for other in target.others
+    )
+    return replace(
+        target,
+        points=target.points + by,
+        vertices=target.vertices + by,
+        state=replace(state, T_world_object=T.compose(state.T_world_object)),
+        seen_from=tuple(T.compose(camera) for camera in target.seen_from),
+        others=others,
+    )
 
 
 def _checked(i: int, mesh: tuple[np.ndarray, ...]) -> tuple[np.ndarray, np.ndarray]:
