@@ -1,7 +1,7 @@
 """Quarter turns under which an object fits its box as before: other modes of its posterior, and what they add to its box's."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
@@ -69,6 +69,17 @@ class HeadingModes:
         """The same modes, of the object as it stands at one of them."""
         states = self.states[quarter:] + self.states[:quarter]
         return HeadingModes(np.roll(self.probability, -quarter), states)
+
+    def carried(self, state: ObjectState) -> "HeadingModes":
+        """The same modes of the object where it is by now: the other ones go along with it as one body."""
+        own = self.states[0] if self.states else None
+        if own is None:
+            return self
+        motion = state.T_world_object.compose(own.T_world_object.inverse())
+        states = [
+            each and replace(each, T_world_object=motion.compose(each.T_world_object)) for each in self.states
+        ]
+        return replace(self, states=tuple(states))
 
     def second_moment(self, extents: Float[np.ndarray, "3"]) -> Float[np.ndarray, "9 9"]:
         """Mean square of what leads from the estimated box to the turned ones, over `BOX_AXES`."""

@@ -67,7 +67,9 @@ def _entry(
         if (
             not views or known.of(prior.category, prior.digest) is None
         ):  # nothing to judge: no first guess is asked
-            alone = Estimate.of_graph(objects.state(handle), objects.marginals(handle), handle.other_headings)
+            state, turns = objects.state(handle), handle.other_headings
+            turns = None if turns is None else turns.carried(state)
+            alone = Estimate.of_graph(state, objects.marginals(handle), turns)
             return replace(map_entry(instance, prior, alone, views, resolution), estimator="graph")
         task, estimate = estimate_in(objects, handle)
         entry = map_entry(instance, prior, estimate, views, resolution)

@@ -88,7 +88,8 @@ def estimate_in(objects: Objects, handle: Handle) -> tuple[EstimationTask, Estim
             f"{handle.name} has no views to be judged by: observe it, or with a lag judge it before they are past that"
         )
     first = first_states(prior, views, builder)
-    turns = handle.other_headings or _other_headings(state, first)
+    known = handle.other_headings  # as of where the object was when they were found
+    turns = _other_headings(state, first) if known is None else known.carried(state)
     task = EstimationTask(
         handle.name, prior, first.states, tuple(views), builder.up_world, builder.floor, chances=first.chances
     )

@@ -1,5 +1,6 @@
 """Maps of objects that stand in a graph of the caller's."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any, cast
 
@@ -8,6 +9,7 @@ import numpy as np
 import pytest
 
 from objgraph.covariance.box import box_pose
+from objgraph.covariance.heading_modes import HeadingModes
 from objgraph.covariance.surface import surface_sigma
 from objgraph.errors import CovarianceError, MapError, ObservationError, SolveError
 from objgraph.graph.object_graph import ObjectGraph
@@ -17,7 +19,7 @@ from objgraph.maps.of_graph import map_of
 from objgraph.priors.mesh import extract_mesh
 from objgraph.trust.judge import judge
 from tests.objgraph.trust.calibrations import calibration
-from tests.objgraph.trust.test_judge import KNOWN, PRIOR, UP, solved
+from tests.objgraph.trust.test_judge import KNOWN, PRIOR, SHIFT, UP, solved
 from tests.toys import toy_state
 
 CELLS = 32
@@ -58,6 +60,25 @@ def test_a_graphs_object_is_mapped_as_it_stands_there(graph, tmp_path):
     found.save(tmp_path / "map")
     again = ObjectMap.load(tmp_path / "map")
     np.testing.assert_allclose(given(again.objects[0].box_covariance), given(entry.box_covariance))
+
+
+@pytest.mark.parametrize("known", [KNOWN, calibration("other weights")])
+def test_other_headings_go_along_with_an_object_that_its_cameras_have_moved(known):
+    """As a loop closure moves them: they were found where the object was placed, and stay about it."""
+    objects, chair = solved(shift=SHIFT)
+    placed = toy_state(1.0)
+    quarter = gtsam.Pose3(gtsam.Rot3.Ry(np.pi / 2), np.array([0.02, 0.0, -0.01]))
+    turned = replace(placed, T_world_object=placed.T_world_object.compose(quarter))
+    chair.other_headings = HeadingModes(np.array([0.7, 0.3, 0.0, 0.0]), (placed, turned, None, None))
+    (entry,) = map_of(objects, calibration=known, resolution=CELLS).objects
+    headings = entry.other_headings
+    assert headings is not None
+    assert headings.states[1] is not None
+    between = objects.state(chair).T_world_object.between(headings.states[1].T_world_object)
+    assert between.equals(quarter, 1e-6)
+    if known is KNOWN:
+        own, other = (mode.box.T_world_box for mode in entry.box_modes)
+        assert np.linalg.norm(own.between(other).translation()) < 0.1  # 3.4 m where it was left behind
 
 
 def test_what_cannot_be_mapped_is_said_and_costs_no_other(graph):
