@@ -27,8 +27,8 @@ class Trust:
     why: tuple[str, ...] = ()
     """What speaks against it, the worst first; empty where nothing does by much."""
     widening: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
-    """Of `box`, `heading` and `surface`, by level in per cent: the factor on the variances that the map gives it at which sets of
-    that level hold as many as they say."""
+    """Of `box`, `heading` and `surface`, by level in per cent: the factor on the variances that the map gives it (boxes and headings: those
+    of `MappedObject.box_modes`) at which sets of that level hold as many as they say."""
     evidence: Mapping[str, float] = field(default_factory=dict)
     """What it is judged by (`Evidence`)."""
     calibration: str = ""
