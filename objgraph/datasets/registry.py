@@ -5,7 +5,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import ModuleType
-from typing import Any, Protocol
+from typing import Any, Protocol, get_args
 
 from objgraph.datasets import (
     bag,
@@ -85,16 +85,20 @@ def scenes(dataset: str, root: Path) -> list[str]:
 def load_scan(dataset: str, root: Path, scene: str | None = None, **options: Any) -> Scan:
     """The scan `scene` of a data set under `root`; None where there is only one.
 
-    `options` are those of the loader (see its `load`). Raises `DatasetError` for an unknown data set, scene or
+    `options` are those of the loader (see its `load`); a path may be text, as `root` may. Raises `DatasetError` for an unknown data set, scene or
     option (it lists those available), and for files that are missing or damaged.
     """
     load = _loader(dataset).load
-    known = [p.name for p in inspect.signature(load).parameters.values() if p.kind is p.KEYWORD_ONLY]
+    parameters = inspect.signature(load).parameters.values()
+    known = {p.name: p.annotation for p in parameters if p.kind is p.KEYWORD_ONLY}
     unknown = sorted(set(options) - set(known))
     if unknown:
         raise DatasetError(
             f"data set '{dataset}' has no option {', '.join(unknown)}; it has {', '.join(known)}"
         )
+    for name, value in options.items():
+        if isinstance(value, str) and Path in get_args(known[name]):
+            options[name] = Path(value)
     return load(_place(root), scene, **options)
 
 

@@ -4,7 +4,7 @@ import pytest
 
 from objgraph.datasets import Loader, datasets, load_scan, register, registry, scenes
 from objgraph.errors import DatasetError
-from tests.objgraph.datasets.dataset_folders import SCENE, write_exported_scan
+from tests.objgraph.datasets.dataset_folders import SCENE, toy_scan, write_exported_scan, write_tum_sequence
 
 
 def test_unknown_dataset_lists_those_available(tmp_path):
@@ -47,6 +47,15 @@ def test_empty_or_missing_root(tmp_path, dataset):
 def test_stride_must_be_positive(tmp_path, dataset):
     with pytest.raises(DatasetError, match="stride 0"):
         load_scan(dataset, tmp_path, stride=0)
+
+
+def test_a_file_may_be_named_by_text(tmp_path):
+    folder = write_tum_sequence(tmp_path / "toy", toy_scan())
+    trajectory, intrinsics = (str(folder / name) for name in ("groundtruth.txt", "intrinsics.txt"))
+    scan = load_scan("tum", folder, trajectory=trajectory, intrinsics=intrinsics)
+    assert scan.frames.names == load_scan("tum", folder).frames.names
+    with pytest.raises(DatasetError, match=r"absent\.txt: cannot be read"):
+        load_scan("tum", folder, trajectory="absent.txt")
 
 
 def test_a_loader_of_the_callers_own(tmp_path, monkeypatch):
