@@ -89,7 +89,7 @@ def _names(command: MapCommand, run: MapRun) -> Sequence[str]:
     else:
         assert command.scenes is not None
         try:
-            lines = Path(command.scenes).read_text(encoding="utf-8").splitlines()
+            lines = Path(command.scenes).read_text(encoding="utf-8-sig").splitlines()
             names = [line.strip() for line in lines if line.strip()]
         except (OSError, UnicodeError) as error:
             raise DatasetError(

@@ -64,7 +64,7 @@ def read_json(path: Path) -> Any:
 
 def read_matrix(path: Path, rows: int, columns: int) -> np.ndarray:
     """A matrix of numbers in text; it may hold NaN and infinity."""
-    text = read_bytes(path).decode("utf-8", errors="replace")
+    text = read_bytes(path).decode("utf-8-sig", errors="replace")
     try:
         matrix = np.array([float(word) for word in text.split()])
     except ValueError as error:

@@ -179,7 +179,7 @@ def test_an_error_that_nobody_foresaw_is_that_scan_s_alone(scans, tmp_path, monk
         return folder
 
     monkeypatch.setattr(map_command, "write_report", fail)
-    (tmp_path / "two words.txt").write_text(" a \n\nb\n")
+    (tmp_path / "two words.txt").write_text("\ufeff a \r\n\r\nb\r\n", encoding="utf-8")
     assert (
         run(scans, tmp_path / "out", "--scenes", str(tmp_path / "two words.txt"), "--jobs", "1", *NOTHING)
         == 1

@@ -177,8 +177,8 @@ def test_the_camera_in_text_or_of_another_size(folder):
     with pytest.raises(DatasetError, match=r"intrinsics\.json: .*another resolution"):
         load(folder).frames[0]
     json_file.unlink()
-    for text in ("60 60 31.5 23.5", "60 0 31.5\n0 60 23.5\n0 0 1"):
-        (folder / "intrinsics.txt").write_text(text)
+    for text in ("60 60 31.5 23.5", "60 0 31.5\n0 60 23.5\n0 0 1", "\ufeff60 60 31.5 23.5\r\n"):
+        (folder / "intrinsics.txt").write_text(text, encoding="utf-8")
         assert load(folder).frames[0].intrinsics == expected
     json_file.write_text("{}")
     with pytest.raises(DatasetError, match=r"both intrinsics\.json and intrinsics\.txt: keep one"):
