@@ -23,8 +23,9 @@ MOST_PIXELS = 8 * 10**7
 _ROUNDED = 0.02
 """Share by which images of one view may differ in proportion."""
 _UNREADABLE = "{}: no readable image (PNG or JPEG; truncated or damaged); download or export it again"
-_PNG, _PNG_BITS = b"\x89PNG\r\n\x1a\n", 24
-"""How a PNG begins, and the byte that says how many bits a channel has."""
+_PNG, _PNG_BITS, _PNG_KIND = b"\x89PNG\r\n\x1a\n", 24, 25
+"""How a PNG begins, the byte that says how many bits a channel has, and the one that says what its pixels are."""
+_PALETTE = 3
 _INVALID_DEPTH = np.iinfo(np.uint16).max
 
 
@@ -129,7 +130,13 @@ def metric_depth(raw: np.ndarray, shift: float) -> Float[np.ndarray, "h w"]:
 
 
 def decode_instances(data: bytes, origin: object, shape: tuple[int, int]) -> Int[np.ndarray, "h w"]:
-    """Instance ids of a PNG of 8 or 16 bits: JPEG blurs them, and fewer bits are stretched to 0..255; see `decode_mask`."""
+    """Instance ids of a PNG of 8 or 16 bits: JPEG blurs them, fewer bits are stretched to 0..255, and a palette's are colours; see
+    `decode_mask`."""
+    if data.startswith(_PNG) and data[_PNG_KIND : _PNG_KIND + 1] == bytes([_PALETTE]):
+        raise DatasetError(
+            f"{origin}: a mask with a palette of colours; write the palette's indices, if they are the ids, as grey values "
+            "(Pillow: Image.fromarray(np.array(image)))"
+        )
     ids = decode_mask(data, origin, shape)
     bits = data[_PNG_BITS] if data.startswith(_PNG) else None
     if bits is None or bits < 8:

@@ -40,6 +40,19 @@ def test_a_mask_that_does_not_keep_ids_is_refused(tmp_path, data, what):
     assert set(np.unique(frames[0].instances)) == {0, 1, 3}
 
 
+def test_a_palettes_indices_are_to_be_written_as_grey_values(tmp_path):
+    folder = write_plain_folder(tmp_path / "toy", toy_scan())
+    path = folder / "masks" / "000001.png"
+    expected = load_scan("folder", folder).frames[1].instances
+    image = Image.fromarray(expected.astype(np.uint8)).convert("P")  # the mode of DAVIS' and VOC's masks
+    image.putdata(expected.ravel().tolist())
+    image.save(path)
+    with pytest.raises(DatasetError, match=rf"{path}: a mask with a palette of colours; write the palette's"):
+        load_scan("folder", folder).frames[1]
+    Image.fromarray(np.array(Image.open(path))).save(path)
+    np.testing.assert_array_equal(load_scan("folder", folder).frames[1].instances, expected)
+
+
 def test_where_a_mask_is_or_is_not_one_bit_will_do(tmp_path):
     folder = write_bop(tmp_path / "toy", toy_scan())
     expected = load_scan("bop", folder).frames[0].instances
