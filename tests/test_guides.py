@@ -68,15 +68,15 @@ def test_calibrate(tmp_path, monkeypatch, capsys):
 
 
 def test_a_folder_is_written(scan, tmp_path):
-    """What the guide's functions write is the scan that they were given."""
+    """What the guide's functions write is the scan that they were given, in place of an earlier one with wrong poses."""
     names = run("datasets.md", "write_frame")
     intrinsics = scan.frames[0].intrinsics
-    for index in range(FRAMES):
-        frame = scan.frames[index]
-        color = np.full((*frame.depth.shape, 3), 100, np.uint8)
-        names["write_frame"](
-            tmp_path, f"{index:03}", frame.depth, frame.instances, frame.T_world_camera, color
-        )
+    for pose_of in (np.linalg.inv, np.asarray):
+        for index in range(FRAMES):
+            frame = scan.frames[index]
+            color = np.full((*frame.depth.shape, 3), 100, np.uint8)
+            pose = pose_of(frame.T_world_camera)
+            names["write_frame"](tmp_path, f"{index:03}", frame.depth, frame.instances, pose, color)
     camera = intrinsics.fx, intrinsics.fy, intrinsics.cx, intrinsics.cy
     names["write_scan"](tmp_path, *camera, {CHAIR: "chair"}, scan.up_world)
     read = objgraph.load_scan("folder", tmp_path)
