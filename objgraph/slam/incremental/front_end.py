@@ -94,7 +94,7 @@ class FrontEnd:
 
     @property
     def cameras(self) -> dict[int, str]:
-        """Keys of the cameras, oldest first, and the names of their frames."""
+        """Keys of the cameras, oldest first, and the names of their frames; with a lag, those past it too."""
         return self.system.cameras
 
     @property
