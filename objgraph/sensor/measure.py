@@ -97,6 +97,7 @@ def measure_sensor(
             poses.append(rigid_pose(frame, f"frame {frame.name}").matrix())
             clouds.append(cloud)
         tell("reading frames", k + 1, len(chosen))
+    how = "--frames" if len(chosen) < len(frames) else "these are all: record more"
     T_world_camera, pairs = np.reshape(poses, (-1, 4, 4)), []
     if clouds:
         clouds, T_world_camera, pairs = _connected(clouds, T_world_camera, config, tell)
@@ -104,7 +105,7 @@ def measure_sensor(
         within = np.concatenate([np.zeros(0, bool), *close])
         raise DatasetError(
             f"{len(pairs)} pairs of {len(chosen)} frames overlap by {OVERLAP:.0%}, {_ENOUGH_PAIRS} are due: look at more frames "
-            f"(--frames), or from nearer: {within.mean() if len(within) else 0:.0%} of the depth is within {MAX_DEPTH} m, "
+            f"({how}), or from nearer: {within.mean() if len(within) else 0:.0%} of the depth is within {MAX_DEPTH} m, "
             "which alone counts"
         )
     offsets = np.concatenate(
@@ -112,7 +113,7 @@ def measure_sensor(
     )
     if len(offsets) < _ENOUGH_PATCHES:
         raise DatasetError(
-            f"{len(offsets)} planes are seen by two frames, {_ENOUGH_PATCHES} are due: look at more frames (--frames), or scan walls and floor"
+            f"{len(offsets)} planes are seen by two frames, {_ENOUGH_PATCHES} are due: look at more frames ({how}), or scan walls and floor"
         )
     return Sensor(
         fitted_noise(offsets),

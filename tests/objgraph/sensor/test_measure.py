@@ -75,6 +75,9 @@ def test_what_a_patch_is_off_is_measured(room: list[Frame], exact: Sensor):
 def test_too_little_overlap_is_said(room: list[Frame]):
     with pytest.raises(DatasetError, match="overlap by 35%, 5 are due: look at more frames"):
         measure_sensor(ListedFrames(room[:2]), SensorConfig(frames=2))
+    for count, how in ((2, "these are all: record more"), (3, "--frames")):
+        with pytest.raises(DatasetError, match=rf"look at more frames \({how}\), or from nearer"):
+            measure_sensor(ListedFrames(room[:count]), SensorConfig(frames=2))
 
 
 def test_depth_that_is_too_far_is_said(room: list[Frame], capfd: pytest.CaptureFixture):
