@@ -247,6 +247,7 @@ def test_up_is_made_a_unit_vector(folder):
     ("change", "message"),
     [
         (lambda c: c.pop("up_world"), "'up_world' is missing"),
+        (lambda c: c.update(up=[0, -1, 0]), "up is not known, there are up_world, instances"),
         (lambda c: c.update(up_world=[0, 1]), "up_world must be three numbers"),
         (lambda c: c.update(up_world=[0, 0, 0]), "up_world must be three numbers"),
         (lambda c: c.update(up_world="up"), "could not convert"),
