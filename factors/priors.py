@@ -8,8 +8,6 @@ from factors import checks
 from factors.checks import DEVIATIONS
 from factors.state import LOG_SCALES, ObjectKeys
 
-UPRIGHT_DEG = 65.0
-"""Lean from which an optimiser still finds the upright pose by `upright_prior` alone."""
 _ILL_CONDITIONED = 1e6
 """Ratio of a covariance's variances from which on GTSAM's own root of its inverse is not to be had."""
 
@@ -54,14 +52,14 @@ def scale_prior(
 def upright_prior(keys: ObjectKeys, up_world: Float[np.ndarray, "3"], sigma: float) -> gtsam.NonlinearFactor:
     """The object's own up axis (+y) points against gravity, to within `sigma` radians about each axis.
 
-    GTSAM's residual is the sine of the lean: an object on its head costs nothing, and one that leans by more than
-    `UPRIGHT_DEG` may end there, since the sine hardly rises any more and a step goes far beyond.
+    The residual is up in the object's frame less that axis, 2 sin(lean / 2) long, which rises up to an object on its head.
+    That is what GTSAM's magnetometer makes of a field. Its attitude factor has the sine, by axes of the world: one that
+    leans then seems to tell its heading.
     """
-    noise = gtsam.noiseModel.Isotropic.Sigma(2, _sigma("upright sigma", sigma))
+    noise = gtsam.noiseModel.Isotropic.Sigma(3, _sigma("upright sigma", sigma))
     up_world = checks.direction("up_world", up_world)
-    return gtsam.AttitudeFactorPose3(
-        _keys(keys).pose, gtsam.Unit3(up_world), noise, gtsam.Unit3(np.array([0.0, 1.0, 0.0]))
-    )
+    up_object, no_bias = np.array([0.0, 1.0, 0.0]), np.zeros(3)
+    return gtsam.MagPoseFactorPose3(_keys(keys).pose, up_object, 1.0, up_world, no_bias, noise)
 
 
 def placed_prior(

@@ -30,14 +30,16 @@ class FactorCost:
 def observation_names(
     owner: str, slots: Mapping[int, gtsam.NonlinearFactor], factors: Sequence[ObservationFactor]
 ) -> dict[int, str]:
-    """Names of an object's decoder factors by their index in the graph, for `cost_table` and `to_dot`.
+    """Names of an object's factors that GTSAM's do not fit, by their index in the graph, for `cost_table` and `to_dot`.
 
-    GTSAM calls them all CustomFactor. `slots` are the object's factors by index, `factors` those of them that use a
+    GTSAM calls decoder factors all CustomFactor, and a prior on up a magnetometer. `slots` are the object's factors by index, `factors` those of them that use a
     decoder, in the same order (`ObjectHandle.slots` and `.factors`).
     """
     custom = {i: factor for i, factor in slots.items() if isinstance(factor, gtsam.CustomFactor)}
     indices = sorted(i for i, factor in custom.items() if factor.size() > 1)  # not the mixture of codes
-    return {i: f"{type(factor).__name__} of {owner}" for i, factor in zip(indices, factors, strict=True)}
+    names = {i: f"{type(factor).__name__} of {owner}" for i, factor in zip(indices, factors, strict=True)}
+    upright = {i for i, factor in slots.items() if isinstance(factor, gtsam.MagPoseFactorPose3)}
+    return names | dict.fromkeys(upright, f"upright_prior of {owner}")
 
 
 def cost_table(

@@ -19,7 +19,7 @@ from factors.floor import SPACING, SPACINGS, FloorFactor
 from factors.full_distribution import FullDistribution
 from factors.gaussian_depth import Deterministic, Probabilistic, Sampled
 from factors.keys import readable_key
-from factors.priors import UPRIGHT_DEG, placed_prior, sized_prior, upright_prior
+from factors.priors import placed_prior, sized_prior, upright_prior
 from factors.rays import Rays
 from factors.rendering import Renderer
 from factors.state import ObjectKeys, ObjectState
@@ -35,6 +35,8 @@ RENDERERS: dict[str, Renderer] = {
     "sampled": Sampled(),
     "deterministic": Deterministic(),
 }
+_LEANS_DEG = 65.0
+"""Lean of a start from which on it is taken for one in another frame."""
 
 
 @dataclass(frozen=True)
@@ -142,11 +144,11 @@ class ObjectBuilder:
         return factors
 
     def check_upright(self, keys: ObjectKeys, state: ObjectState) -> None:
-        """Raise FactorError where up is known and the object leans so much that `upright` may turn it on its head."""
+        """Raise FactorError where up is known and the object leans so much that it must be in another frame."""
         if self.up_world is None:
             return
         cosine = state.T_world_object.rotation().matrix()[:, 1] @ self.up_world
-        if (lean := np.degrees(np.arccos(np.clip(cosine, -1, 1)))) > UPRIGHT_DEG:
+        if (lean := np.degrees(np.arccos(np.clip(cosine, -1, 1)))) > _LEANS_DEG:
             raise FactorError(
                 f"{readable_key(keys.pose)}: the object's y axis, which is up, leans {lean:.0f} degrees from up_world: "
                 "turn the start about, or leave out up_world"

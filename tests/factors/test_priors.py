@@ -6,7 +6,6 @@ from hypothesis import strategies as st
 
 from factors.errors import FactorError
 from factors.priors import (
-    UPRIGHT_DEG,
     code_prior,
     placed_prior,
     scale_covariance,
@@ -81,10 +80,23 @@ def test_upright_prior_measures_the_tilt_and_not_the_heading(tilt):
         ObjectState(gtsam.Pose3(rotation, np.zeros(3)), np.zeros(3), np.zeros(2)).insert(values, KEYS)
         error = upright_prior(KEYS, up, 0.05).error(values)
         assert error == pytest.approx(0.5 * (np.sin(tilt) / 0.05) ** 2, rel=0.01, abs=1e-9)
+        assert error == pytest.approx(0.5 * (2 * np.sin(tilt / 2) / 0.05) ** 2, rel=1e-9, abs=1e-9)
 
 
-@pytest.mark.parametrize("lean_deg", [20.0, 50.0, UPRIGHT_DEG])
-def test_what_leans_no_more_than_is_allowed_is_righted(lean_deg):
+@given(st.integers(0, 2**32 - 1))
+def test_upright_prior_says_nothing_of_a_turn_about_up_however_much_an_object_leans(seed):
+    rng = np.random.default_rng(seed)
+    T, up = gtsam.Pose3(gtsam.Rot3.Expmap(2 * rng.normal(size=3)), rng.normal(size=3)), rng.normal(size=3)
+    values = gtsam.Values()
+    values.insert(KEYS.pose, T)
+    rows, _ = upright_prior(KEYS, up, 0.05).linearize(values).jacobian()
+    R = T.rotation().matrix()
+    turn = np.concatenate([R.T @ up, R.T @ np.cross(up, T.translation())]) / np.linalg.norm(up)
+    np.testing.assert_allclose(rows @ turn, 0, atol=1e-12 / 0.05)
+
+
+@pytest.mark.parametrize("lean_deg", [20.0, 65.0, 100.0, 150.0, 175.0])
+def test_what_leans_is_righted(lean_deg):
     up = np.array([0.0, 0.0, 1.0])
     rotation = gtsam.Rot3.Rx(np.radians(lean_deg)).compose(gtsam.Rot3.Rx(np.pi / 2))
     values = gtsam.Values()

@@ -58,9 +58,10 @@ def test_decoder_factors_have_names(objects, names):
         row = rows[f'{type(factor).__name__} of the "red" chair']
         assert row.cost == pytest.approx(factor.loss(objects.values))
         assert row.keys == ("o0", "s0", "z0", "x0")
+    assert rows['upright_prior of the "red" chair'].keys == ("o0",)
     kinds = {row.kind for row in cost_table(objects.graph, objects.values)}
     assert kinds == {
-        "CustomFactor", "BetweenFactorPose3", "PriorFactorPose3", "PriorFactorVector", "AttitudeFactorPose3",
+        "CustomFactor", "BetweenFactorPose3", "PriorFactorPose3", "PriorFactorVector", "MagPoseFactorPose3",
     }  # fmt: skip
 
 

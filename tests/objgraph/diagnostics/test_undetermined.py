@@ -73,6 +73,18 @@ def test_without_a_fixed_camera_everything_moves_together(up, turning, dof):
     assert undetermined(objects.graph, objects.values) == []
 
 
+@pytest.mark.parametrize("lean", [0.02, 0.3])
+def test_objects_that_lean_tell_no_heading(lean):
+    objects = two_chairs()
+    for handle in objects.objects:
+        T = objects.values.atPose3(handle.keys.pose)
+        objects.values.update(handle.keys.pose, T.compose(gtsam.Pose3(gtsam.Rot3.Rx(lean), np.zeros(3))))
+    objects.refresh(Annealing(200.0))
+    (found,) = undetermined(objects.graph, objects.values)
+    assert found.dof == 4
+    assert "rotation about z" in found.direction
+
+
 def test_an_object_without_views_is_named_beside_what_moves_together():
     objects = two_chairs()
     lonely = objects.add_object(toy_prior(), toy_state())

@@ -104,7 +104,7 @@ def test_the_factors_are_the_graphs():
     upright = next(
         graph.graph.at(i)
         for i in range(graph.graph.size())
-        if isinstance(graph.graph.at(i), gtsam.AttitudeFactorPose3)
+        if isinstance(graph.graph.at(i), gtsam.MagPoseFactorPose3)
     )
     ours = Standing(one, 400.0)
     ours.refresh(one.starts[0])
@@ -150,7 +150,7 @@ def test_without_gravity_the_graph_is_told_neither_up_nor_the_floor():
         assert not isinstance(begun, SolveError)
         single = begun.tried[0]
         attitude = [
-            isinstance(single.graph.at(i), gtsam.AttitudeFactorPose3) for i in range(single.graph.size())
+            isinstance(single.graph.at(i), gtsam.MagPoseFactorPose3) for i in range(single.graph.size())
         ]
         kinds.append((any(attitude), any(isinstance(factor, FloorFactor) for factor in single.factors)))
     assert kinds == [(False, False), (True, True)]
