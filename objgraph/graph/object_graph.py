@@ -221,13 +221,14 @@ class ObjectGraph:
 
         Raises:
             SolveError: a part failed, or leaves something undetermined; the message names its objects, and the
-                directions and the priors that are missing. Parts that succeeded are updated all the same.
+                directions and the priors that are missing. That part stays as it was, the others are updated.
         """
         config = SolverConfig(rounds=JOINT_ROUNDS) if config is None else config
         problems = self.problems()
         solve(problems, config, progress, refuse_undetermined=True)
         for problem in problems:
-            self.values.update(problem.values)
+            if not problem.failure:
+                self.values.update(problem.values)
         failed = [f"{problem.name}: {problem.failure}" for problem in problems if problem.failure]
         if failed:
             raise SolveError("; ".join(failed))

@@ -300,6 +300,7 @@ def _guarded(problem: Problem, action: Callable[[Problem], None]) -> bool:
     try:
         action(problem)
     except (ObjectGraphError, RuntimeError, ValueError) as error:  # GTSAM's own exceptions are RuntimeErrors
-        problem.failure = str(error).strip().split("\n")[0]
+        # an error may come without a word
+        problem.failure = str(error).strip().split("\n")[0] or type(error).__name__
         return False
     return True

@@ -1,5 +1,7 @@
 """Problems that fail: each for itself, at whatever step, with the last good values."""
 
+from dataclasses import replace
+
 import gtsam
 import numpy as np
 import pytest
@@ -9,8 +11,9 @@ from factors.reduce import guarded_factor
 from factors.state import ObjectKeys
 from objgraph.errors import SolveError
 from objgraph.graph.solve import Problem, minimize, solve
+from tests.objgraph.graph.graph_cases import empty, pose_noise, views_of
 from tests.objgraph.graph.solve_cases import SHORT, TIGHT, chair_problem, difference, pose_graph
-from tests.toys import ToyDecoder
+from tests.toys import ToyDecoder, toy_prior, toy_state
 
 
 class FragileDecoder(ToyDecoder):
@@ -110,6 +113,40 @@ def test_after_a_late_failure_the_last_good_values_stand(rounds):
     decoder.broken = False
     problem.refresh(200.0)
     assert problem.graph.error(problem.values) < 0.7 * start
+
+
+def test_a_part_that_fails_stays_as_it_was_in_the_caller_s_values():
+    """Coarse slopes have moved it by then, away from where it was best."""
+    decoder, state = FragileDecoder().double(), toy_state()
+    objects = empty()
+    handle = objects.add_object(replace(toy_prior(), decoder=decoder), state)
+    for view in views_of(state):
+        objects.observe(handle, view)
+    objects.values.insert(L(0), np.ones(1))
+    objects.graph.push_back(gtsam.PriorFactorVector(L(0), np.zeros(1), gtsam.noiseModel.Unit.Create(1)))
+
+    def breaks(done, _):
+        decoder.broken = done >= 1
+
+    with pytest.raises(SolveError, match=r"chair 0: .*not finite"):
+        objects.optimize(SHORT, breaks)
+    assert objects.state(handle).T_world_object.equals(state.T_world_object, 0.0)
+    np.testing.assert_array_equal(objects.state(handle).code, state.code)
+    assert objects.values.atVector(L(0))[0] == pytest.approx(0.0, abs=1e-3)
+
+
+def test_an_error_without_words_is_a_failure_too():
+    objects = empty()
+    handle = objects.add_object(toy_prior(), toy_state())
+    pose = gtsam.PriorFactorPose3(handle.keys.pose, toy_state().T_world_object, pose_noise(0.1, 0.1))
+    objects.graph.push_back(pose)
+
+    def fails(this, values, H):
+        raise ValueError
+
+    objects.graph.push_back(gtsam.CustomFactor(pose_noise(1, 1), gtsam.KeyVector([handle.keys.pose]), fails))
+    with pytest.raises(SolveError, match="chair 0: ValueError"):
+        objects.optimize(SHORT)
 
 
 def logarithm() -> Problem:
