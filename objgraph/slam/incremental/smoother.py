@@ -69,12 +69,13 @@ class Smoother:
             )
         slots = [self._slots[number] for number in remove]
         before = None if self._lag is None else self._listed()
+        point = gtsam.Values(self._isam.getLinearizationPoint())  # which a failed update has moved on
         try:
             found = self._step(graph, values, slots, newest, times or {})
         except (
             Exception
         ) as error:  # whatever it was: Python's own from a custom factor, GTSAM's from the solution
-            self._restore(before)
+            self._restore(before, point)
             raise SolveError(f"the incremental update failed and was taken back: {error}") from error
         for number in remove:
             del self._slots[number], self._factors[number]
@@ -201,10 +202,11 @@ class Smoother:
             graph.push_back(factor)
         return graph, slots
 
-    def _restore(self, listed: Sequence[gtsam.NonlinearFactor | None] | None) -> None:
-        """Build the system anew as it was; `listed` are its factors before, where it has made some of its own."""
+    def _restore(self, listed: Sequence[gtsam.NonlinearFactor | None] | None, point: gtsam.Values) -> None:
+        """Build the system anew as it was, linearised at `point`; `listed` are its factors before, where it has made some of
+        its own."""
         graph, slots = self._graph(listed)
-        self._rebuild(graph, slots, self._isam.getLinearizationPoint().extract(graph.keyVector()))
+        self._rebuild(graph, slots, point.extract(graph.keyVector()))
 
     def _rebuild(self, graph: gtsam.NonlinearFactorGraph, slots: dict[int, int], point: gtsam.Values) -> None:
         """A system of these factors, linearised at `point`; where that fails, the one before stays."""

@@ -141,6 +141,21 @@ def test_a_failed_update_is_taken_back(fault, lag):
     assert_is_optimum(smoother, graph)
 
 
+@pytest.mark.parametrize("lag", [None, 100.0])
+def test_a_failed_update_moves_nothing_where_a_loop_was_just_closed(lag):
+    """It would have linearised anew what the loop has moved, before it failed."""
+    smoother, _ = walk(20, lag)
+    gap = smoother.pose(X(0)).between(smoother.pose(X(19)))
+    elsewhere = gap.compose(gtsam.Pose3(gtsam.Rot3.Rz(0.2), np.array([0.5, -0.3, 0.1])))
+    smoother.update([between(X(0), X(19), elsewhere)], newest=X(19))
+    before = smoother.estimate()
+    with pytest.raises(SolveError, match="taken back"):
+        smoother.update([_raising(X(19))], newest=X(19))
+    after = smoother.estimate()
+    for k in range(20):
+        np.testing.assert_allclose(after.atPose3(X(k)).matrix(), before.atPose3(X(k)).matrix(), atol=1e-6)
+
+
 def test_behind_the_lag_variables_are_marginalised_out():
     smoother, graph = walk(12, lag=4.5)
     assert not smoother.has(X(2))
