@@ -12,8 +12,8 @@ from objgraph.slam.incremental.system import IncrementalSystem
 from objgraph.slam.incremental.tracked import TrackedObject
 
 T = TypeVar("T")
-_NEARBY = 4.0
-"""Metres between what a view sees and an object's centre beyond which they are never compared."""
+_LARGEST = 3.0
+"""Metres between an object's centre and what a view sees of it, at most."""
 
 
 class Places(Generic[T]):
@@ -61,4 +61,5 @@ class ObjectPlaces(Places[TrackedObject]):
 
     def of(self, views: Sequence[ObjectView]) -> list[TrackedObject]:
         """Objects that views may be of."""
-        return self.near(np.array([view.points_world.mean(axis=0) for view in views]), _NEARBY)
+        within = _LARGEST + self._system.config.association.reach
+        return self.near(np.array([view.points_world.mean(axis=0) for view in views]), within)

@@ -1,10 +1,17 @@
 """Looking up what is near, against going through all."""
 
+from types import SimpleNamespace
+from typing import Any, cast
+
+import gtsam
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from objgraph.slam.incremental.places import Places
+from objgraph.slam import IncrementalConfig
+from objgraph.slam.association import AssociationConfig
+from objgraph.slam.incremental.places import ObjectPlaces, Places
 
 POINT = st.tuples(*[st.floats(-30, 30)] * 3).map(np.array)
 
@@ -25,3 +32,15 @@ def test_what_is_near_is_what_a_search_through_all_finds(points, asked, distance
     expected = [i for i, point in now.items() if min(np.linalg.norm(point - p) for p in asked) < distance]
     assert places.near(np.array(asked), distance) == sorted(expected)
     assert all((f"p{i:02d}" in places) == (i in now) for i in range(len(points)))
+
+
+@pytest.mark.parametrize("reach", [1.0, 6.0])
+def test_what_is_within_reach_is_looked_at(reach):
+    """By the setting: a camera may have drifted by that much."""
+    config = IncrementalConfig(association=AssociationConfig(reach=reach))
+    far = gtsam.Pose3(gtsam.Rot3(), np.array([5.0, 0.0, 0.0]))
+    places = ObjectPlaces(cast(Any, SimpleNamespace(config=config, pose=lambda _: far)))
+    entry: Any = SimpleNamespace(name="chair 0", keys=SimpleNamespace(pose=0))
+    places.note([entry])
+    view: Any = SimpleNamespace(points_world=np.zeros((3, 3)))
+    assert places.of([view]) == ([entry] if reach > 5 else [])
