@@ -13,11 +13,13 @@ from objgraph.slam.incremental.alone import Alone
 from objgraph.slam.incremental.pending import PendingObject
 from objgraph.slam.incremental.places import ObjectPlaces
 from objgraph.slam.incremental.system import IncrementalSystem
-from objgraph.slam.incremental.tracked import TrackedObject, twice
+from objgraph.slam.incremental.tracked import TrackedObject
 
 _LOG = logging.getLogger(__name__)
 VIEWS_ENOUGH = 9
 """Of an object that is in doubt: then it enters as it is, to be solved again as the map's objects are."""
+_VIEWS_AWAITED = (5, VIEWS_ENOUGH)
+"""How often it was seen when it is solved again."""
 
 
 class Entrance:
@@ -85,7 +87,7 @@ class Entrance:
         trust = None if pending.sightings >= VIEWS_ENOUGH else alone.trust(pending.estimate)
         if trust is None or not trust.is_poor:
             return None
-        pending.awaited = twice(pending.sightings)
+        pending.awaited = next(views for views in _VIEWS_AWAITED if views > pending.sightings)
         return f"{pending.name} waits for {pending.awaited} views: its pose is right with {trust.percent} %"
 
     def _enter(self, pending: PendingObject) -> list[str]:

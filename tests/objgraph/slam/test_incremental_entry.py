@@ -1,6 +1,8 @@
 """How objects get into the map: never so that the smoother's undamped steps throw it."""
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import gtsam
 import numpy as np
@@ -18,9 +20,10 @@ from objgraph.graph.solve import Problem
 from objgraph.observation.sampling import ObjectView, observe
 from objgraph.priors.mesh import extract_mesh
 from objgraph.slam.incremental.alone import Alone
-from objgraph.slam.incremental.entrance import VIEWS_ENOUGH
+from objgraph.slam.incremental.entrance import VIEWS_ENOUGH, Entrance
 from objgraph.slam.incremental.local import polish
 from objgraph.slam.incremental.object_graph import IncrementalObjectGraph
+from objgraph.slam.incremental.pending import PendingObject
 from objgraph.slam.incremental.tracked import TrackedObject
 from objgraph.trust import Trust, judge_estimate
 from tests.objgraph.graph.graph_cases import UP, views_of
@@ -133,6 +136,18 @@ def test_an_object_in_doubt_waits_for_more_views(world, monkeypatch, chance):
     else:
         assert entered < 4
         assert not said
+
+
+@pytest.mark.parametrize("sightings", range(1, VIEWS_ENOUGH + 1))
+def test_an_object_in_doubt_waits_for_five_views_or_nine_however_late_it_was_asked(monkeypatch, sightings):
+    monkeypatch.setattr(Alone, "first", lambda _: None)
+    monkeypatch.setattr(Alone, "trust", lambda *_: Trust(0.2, 0.2))
+    nothing: Any = SimpleNamespace(builder=None, config=QUICK)
+    waiting = PendingObject(0, "chair 0", toy_prior(), nothing, 0, sightings=sightings)
+    doubt = Entrance(nothing, nothing, ObjectKeys.numbered)._doubt(waiting)
+    due = 0 if sightings == VIEWS_ENOUGH else 5 if sightings < 5 else VIEWS_ENOUGH
+    assert waiting.awaited == due
+    assert (doubt is None) == (due == 0)
 
 
 def test_the_doubt_is_the_shipped_calibration_s(monkeypatch):
