@@ -241,7 +241,7 @@ class ObjectGraph:
             SolveError: a factor's variable is not in the values.
         """
         require_values(self.graph, self.values)
-        factors = [self.graph.at(i) for i in range(self.graph.size()) if self.graph.exists(i)]
+        factors = [self.graph.at(i) for i in range(self.graph.size()) if self._keys_at(i)]
         groups = [list(factor.keys()) for factor in factors]
         part = _parts([*groups, *(list(handle.keys) for handle in self.objects)])
         graphs: dict[int, gtsam.NonlinearFactorGraph] = {}
@@ -343,7 +343,7 @@ class ObjectGraph:
         if max(slots, default=-1) >= self.graph.size():
             raise FactorError(f"{handle.name}: the graph was shortened, its factors are not in it any more")
         for slot in slots:
-            if self._keys_at(slot) != list(handle.slots[slot].keys()):
+            if not self.graph.exists(slot) or self.graph.at(slot) is not handle.slots[slot]:
                 raise FactorError(
                     f"{handle.name}: the graph was rearranged, its factor {slot} is another one now"
                 )
@@ -363,8 +363,11 @@ class ObjectGraph:
         return next(n for n in itertools.count(len(self.objects)) if str(n) not in taken)
 
     def _free_index(self) -> int:
-        index = len(self.objects)
-        while any(self.values.exists(key) for key in ObjectKeys.numbered(index)):
+        index, waiting = (
+            len(self.objects),
+            set(self.graph.keyVector()),
+        )  # for values that the caller has yet to insert
+        while any(self.values.exists(key) or key in waiting for key in ObjectKeys.numbered(index)):
             index += 1
         return index
 

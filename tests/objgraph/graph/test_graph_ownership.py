@@ -43,6 +43,26 @@ def test_own_keys_and_free_numbers():
     assert len({handle.name for handle in objects.objects}) == 3
 
 
+def test_keys_of_factors_whose_values_are_yet_to_come_are_taken():
+    objects = empty()
+    objects.graph.push_back(gtsam.PriorFactorPose3(O(0), gtsam.Pose3(), pose_noise(1, 1)))
+    assert objects.add_object(toy_prior(), toy_state()).keys == ObjectKeys.numbered(1)
+    objects.values.insert(O(0), gtsam.Pose3())
+
+
+def test_a_factor_on_nothing_is_of_no_part():
+    """Marginalising everything out leaves such a one."""
+    state, objects = toy_state(), empty()
+    handle = objects.add_object(toy_prior(), state)
+    for view in views_of(state):
+        objects.observe(handle, view)
+    constant = gtsam.LinearContainerFactor(gtsam.JacobianFactor(np.ones(1)), gtsam.Values())
+    objects.graph.push_back(constant)
+    (problem,) = objects.optimize(SHORT)
+    assert problem.name == handle.name
+    assert objects.marginals(handle).matrix.shape == (13, 13)
+
+
 def test_own_keys_are_solved_and_have_marginals():
     state, objects = toy_state(), empty()
     own = ObjectKeys(L(3), 17, gtsam.symbol("r", 0))
@@ -295,6 +315,18 @@ def test_an_object_that_the_caller_holds_stays():
     objects.graph.remove(0)
     with pytest.raises(FactorError, match="rearranged"):
         objects.remove_object(handle)
+
+
+def test_a_factor_that_the_caller_has_put_in_the_place_of_another_is_not_taken_out():
+    objects = empty(up_world=None)
+    handle = objects.add_object(toy_prior(), toy_state())
+    (slot,) = (i for i, factor in handle.slots.items() if factor.keys() == [handle.keys.log_scale])
+    own = gtsam.PriorFactorVector(handle.keys.log_scale, np.zeros(3), gtsam.noiseModel.Unit.Create(3))
+    objects.graph.replace(slot, own)
+    with pytest.raises(FactorError, match=f"chair 0: .* its factor {slot} is another one now"):
+        objects.remove_object(handle)
+    assert objects.graph.at(slot) is own
+    assert objects.objects == [handle]
 
 
 def test_an_object_whose_factors_were_cut_off_is_not_removed():
