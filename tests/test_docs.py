@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
+from objgraph.priors.registry import available_priors, prior_for
 from tests.conftest import REPOSITORY
 
 command_line = importlib.import_module("objgraph.cli.main")
@@ -34,6 +35,17 @@ def test_relative_links_lead_to_files(page: Path):
 def test_python_blocks_compile(page: Path):
     for block in python_of(page):
         compile(block, str(page), "exec")
+
+
+def test_what_pages_say_of_the_shipped_priors():
+    solver, slam = ((DOCS / page).read_text() for page in ("reference/solver.md", "guides/slam.md"))
+    priors = [prior_for(category) for category in available_priors()]
+    temperatures = {prior.category: prior.guess and prior.guess.config.temperature for prior in priors}
+    assert "and, for beds and cars, 5 until" in solver
+    assert {category for category, t in temperatures.items() if t == 5} == {"bed", "car"}
+    assert {t for category, t in temperatures.items() if category not in ("bed", "car")} == {30}
+    assert "only the priors of chairs' and tables' codes, which are of several kinds" in slam
+    assert {prior.category for prior in priors if prior.kinds is not None} == {"chair", "table"}
 
 
 @pytest.mark.parametrize("page", GUIDES, ids=of)
