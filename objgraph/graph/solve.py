@@ -21,6 +21,9 @@ from objgraph.diagnostics.undetermined import check_linear
 from objgraph.errors import ConfigError, ObjectGraphError, SolveError
 from objgraph.work import torch_threads
 
+FAILURES = (ObjectGraphError, RuntimeError, ValueError)
+"""Of one object, which must not take others along: ours, and a decoder's and GTSAM's own, which are RuntimeErrors."""
+
 
 @dataclass(frozen=True)
 class LevenbergMarquardtConfig:
@@ -236,7 +239,7 @@ def _decode(steps: Sequence[_Step], jacobian: bool) -> None:
             asking += [step.problem] * asked
     try:
         decode([query for each in queries for query in each], jacobian)
-    except (ObjectGraphError, RuntimeError, ValueError):  # one of them fails, and alone
+    except FAILURES:  # one of them fails, and alone
         for problem, own in zip(asking, queries, strict=True):
             _guarded(problem, lambda _, q=own: decode(q, jacobian))
 
@@ -299,7 +302,7 @@ def _guarded(problem: Problem, action: Callable[[Problem], None]) -> bool:
     """Run `action`; a failure is written down, so that one object's never takes the others along."""
     try:
         action(problem)
-    except (ObjectGraphError, RuntimeError, ValueError) as error:  # GTSAM's own exceptions are RuntimeErrors
+    except FAILURES as error:
         # an error may come without a word
         problem.failure = str(error).strip().split("\n")[0] or type(error).__name__
         return False

@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from factors import checks
 from factors.state import ObjectKeys
 from objgraph.errors import ConfigError, ObjectGraphError
+from objgraph.graph.solve import FAILURES
 from objgraph.observation.sampling import ObjectView
 from objgraph.priors.shape_prior import ShapePrior
 from objgraph.slam.association import MappedCandidate, duplicates
@@ -40,7 +41,7 @@ class Entrance:
         placed = view.at(T_world_camera)
         try:
             estimate = Alone(name, prior, [placed], system.builder, system.config).rough()
-        except ObjectGraphError as error:
+        except FAILURES as error:
             return [f"{name} is not started: {error}"]
         self._started += 1
         self.waiting.append(
@@ -62,7 +63,7 @@ class Entrance:
                         continue
                     reasons += self._enter(entry)
                     entered += [entry.name] if entry.name in self._places else []
-                except ObjectGraphError as error:
+                except FAILURES as error:
                     reasons.append(f"{entry.name} does not enter: {error}")
             elif not entry.views or frames - entry.last_seen > config.patience:
                 unseen = f"not seen again for {config.patience} frames"
@@ -108,7 +109,7 @@ class Entrance:
         self._places.note([entry])
         try:
             return self.merge([entry, *near])
-        except ObjectGraphError as error:  # the object is in the map by now
+        except FAILURES as error:  # the object is in the map by now
             _LOG.warning("%s is not merged with its neighbours: %s", entry.name, error)
             return [f"{entry.name} is not merged with its neighbours: {error}"]
 
@@ -135,7 +136,7 @@ class Entrance:
             keep, drop = entries[merge.keep], entries[merge.drop]
             try:
                 self._system.adopt(keep, self._system.held(drop), instead_of=drop)
-            except ObjectGraphError as error:
+            except FAILURES as error:
                 reasons.append(f"{drop.name} is not merged with {keep.name}: {error}")
                 _LOG.warning("%s", reasons[-1])
                 continue

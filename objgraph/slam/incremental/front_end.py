@@ -15,6 +15,7 @@ from factors.state import ObjectKeys, ObjectState
 from objgraph.covariance.labelled import ObjectCovariance
 from objgraph.errors import ConfigError, ObjectGraphError, ObservationError, PriorError, SolveError
 from objgraph.graph.builder import ObjectBuilder
+from objgraph.graph.solve import FAILURES
 from objgraph.observation.frames import Frame, Instance
 from objgraph.observation.sampling import ObjectView, observe
 from objgraph.priors.shape_prior import ShapePrior
@@ -254,7 +255,7 @@ class FrontEnd:
             if again is not None and self.upkeep.resolve(again, self.entrance.next_keys):
                 reasons.append(f"{again.name} has turned: its {again.views} views say so")
             self.upkeep.renew(due, self.config.tolerance, self.config.refreshes)
-        except ObjectGraphError as error:
+        except FAILURES as error:
             reasons.append(f"upkeep is left for the next frame: {error}")
             _LOG.warning("%s", reasons[-1])
         self.places.note(self.objects if everything else due)

@@ -150,6 +150,33 @@ def test_an_object_in_doubt_waits_for_five_views_or_nine_however_late_it_was_ask
     assert (doubt is None) == (due == 0)
 
 
+def test_a_decoder_that_fails_once_the_frame_is_in_the_map_is_a_reason(world, monkeypatch):
+    """Of whatever type its error is: the frame cannot be given again."""
+
+    def fail(*_):
+        raise RuntimeError("out of memory")
+
+    objects, said = mapper(), []
+
+    def look(k: int) -> None:
+        said.append(objects.update(world.frames[k], world.detections(world.frames[k])[:1]).reasons[-1])
+
+    with monkeypatch.context() as broken:
+        broken.setattr(Alone, "rough", fail)
+        look(0)
+    look(1)
+    with monkeypatch.context() as broken:
+        broken.setattr(Alone, "first", fail)
+        look(2)
+    assert said[0] == "chair 0 is not started: out of memory"
+    assert said[2] == "chair 0 does not enter: out of memory"
+    with monkeypatch.context() as broken:
+        broken.setattr(objects.upkeep, "renew", fail)
+        (reason,) = objects.update(world.frames[3], []).reasons
+    assert reason == "upkeep is left for the next frame: out of memory"
+    assert list(objects.cameras) == [X(k) for k in range(4)]
+
+
 def test_the_doubt_is_the_shipped_calibration_s(monkeypatch):
     prior = replace(toy_prior(), category="chair")
     views = views_of(toy_state(1.0))
