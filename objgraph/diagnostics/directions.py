@@ -25,6 +25,8 @@ def in_words(role: Role, basis: Float[np.ndarray, "d k"]) -> list[str]:
         return [_code(basis)]
     if role is Role.POINT:
         return rigid_motion(np.concatenate([np.zeros_like(basis), basis]), "world frame")
+    if role is Role.VELOCITY:
+        return [f"velocity {_span(basis, 'along')} of the world frame, m/s"]
     return [f"tangent {_listed([str(i) for i in _strongest(basis)])} of {len(basis)}"]
 
 
@@ -51,11 +53,11 @@ def common_motions(roles: dict[int, Role], values: gtsam.Values) -> dict[int, Fl
 
     Axes are the world's. Codes do not move; variables of no known role are taken not to.
     """
-    places = [_place(key, role, values) for key, role in roles.items() if _has_place(role)]
+    places = [_place(key, role, values) for key, role in roles.items() if has_place(role)]
     centre = np.mean(places, axis=0) if places else np.zeros(3)
     motions = {}
     for key, role in roles.items():
-        if _has_place(role):
+        if has_place(role):
             arm = _place(key, role, values) - centre
             moved = np.hstack([_cross(arm), np.eye(3), arm[:, None]])
             if role is Role.POINT:
@@ -64,6 +66,9 @@ def common_motions(roles: dict[int, Role], values: gtsam.Values) -> dict[int, Fl
             R_object_world = values.atPose3(key).rotation().matrix().T
             turned = np.hstack([np.eye(3), np.zeros((3, 4))])
             motions[key] = np.vstack([R_object_world @ turned, R_object_world @ moved])
+        elif role is Role.VELOCITY:
+            velocity = values.atPoint3(key)
+            motions[key] = np.hstack([_cross(velocity), np.zeros((3, 3)), velocity[:, None]])
         elif role is Role.LOG_SCALE:
             motions[key] = np.hstack([np.zeros((3, 6)), np.ones((3, 1))])
     return motions
@@ -77,7 +82,8 @@ def common_in_words(mix: Float[np.ndarray, "7 k"]) -> list[str]:
     return [*words, "size of everything"] if growing.shape[1] else words
 
 
-def _has_place(role: Role) -> bool:
+def has_place(role: Role) -> bool:
+    """Whether such a variable stands somewhere in the world."""
     return role in (Role.OBJECT_POSE, Role.CAMERA, Role.POINT)
 
 

@@ -18,13 +18,15 @@ class Role(Enum):
     CAMERA = "camera"
     """Any `Pose3` that is no object's."""
     POINT = "point"
+    VELOCITY = "velocity"
+    """In the world's axes, as GTSAM's IMU factors have it: three numbers, as a point's."""
     OTHER = "other"
 
 
 def roles(dims: dict[int, int], values: gtsam.Values, objects: Iterable[ObjectKeys] = ()) -> dict[int, Role]:
     """The role of every key of `dims` (tangent dimensions).
 
-    The keys of `objects` have theirs; of others the default letters o, s and z and the variable's type decide.
+    The keys of `objects` have theirs; of others the default letters o, s, z and v and the variable's type decide.
     """
     known: dict[int, Role] = {}
     for keys in objects:
@@ -48,13 +50,13 @@ def _guess(key: int, dim: int, values: gtsam.Values) -> Role:
     if letter == "z":
         return Role.CODE
     if dim == 3 and values.exists(key):
-        return Role.LOG_SCALE if letter == "s" else _point(key, values)
+        return Role.LOG_SCALE if letter == "s" else _vector(key, letter, values)
     return Role.OTHER
 
 
-def _point(key: int, values: gtsam.Values) -> Role:
+def _vector(key: int, letter: str, values: gtsam.Values) -> Role:
     try:
         values.atPoint3(key)
     except RuntimeError:  # three unknowns of another kind: a Pose2, a Rot3
         return Role.OTHER
-    return Role.POINT
+    return Role.VELOCITY if letter == "v" else Role.POINT

@@ -10,7 +10,7 @@ from scipy.linalg import qr
 from scipy.sparse import csc_matrix
 
 from factors.keys import readable_key
-from objgraph.diagnostics.directions import common_in_words, common_motions, in_words
+from objgraph.diagnostics.directions import common_in_words, common_motions, has_place, in_words
 from objgraph.diagnostics.keys import Role
 from objgraph.diagnostics.null_space import ScaledJacobian, connected, small_null_space
 
@@ -22,6 +22,7 @@ MISSING = {
     Role.CODE: "a code prior",
     Role.CAMERA: "a PriorFactorPose3 on it or a fixed camera",
     Role.POINT: "more measurements of the point or a prior",
+    Role.VELOCITY: "a prior on the velocity",
     Role.OTHER: "a prior",
 }
 _ORDER = tuple(MISSING)
@@ -100,7 +101,7 @@ class Naming:
 
     def _common_motion(self, keys: Sequence[int], loose: np.ndarray) -> tuple[list[Undetermined], np.ndarray]:
         motions = common_motions({key: self.role[key] for key in keys}, self.values)
-        placed = [key for key in motions if self.role[key] is not Role.LOG_SCALE]
+        placed = [key for key in motions if has_place(self.role[key])]
         if len(placed) < 2:
             return [], loose
         columns = self.jacobian.columns(motions)

@@ -3,7 +3,7 @@
 import gtsam
 import numpy as np
 import pytest
-from gtsam.symbol_shorthand import L, X
+from gtsam.symbol_shorthand import L, V, X
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -19,7 +19,7 @@ from objgraph.diagnostics.undetermined import (
     undetermined,
 )
 from objgraph.observation.sampling import SamplingConfig
-from tests.objgraph.diagnostics.undetermined_graphs import TENTH, chain, projections
+from tests.objgraph.diagnostics.undetermined_graphs import TENTH, chain, inertial, projections
 from tests.toys import toy_state
 
 UP = np.array([0.0, 0.0, 1.0])
@@ -45,6 +45,22 @@ def test_pictures_without_a_known_distance_do_not_know_their_size():
     assert found.direction == "size of everything"
     assert found.missing == "a known distance"
     assert len(found.keys) == 15
+
+
+def test_an_inertial_trajectory_moves_freely_but_for_its_lean():
+    """Velocities turn along and do not shift; as points they would hide both motions."""
+    graph, values = inertial(5)
+    (found,) = undetermined(graph, values)
+    assert found.dof == 4
+    assert found.direction == (
+        f"{EVERY_TRANSLATION} of the world frame, m; rotation about z of the world frame, rad"
+    )
+    assert found.missing == "a PriorFactorPose3 on one camera or a fixed camera"
+    values.insert(V(9), np.zeros(3))
+    alone = undetermined(graph, values)[-1]
+    assert str(alone) == (
+        "v9 (no factor is on it: velocity in every direction of the world frame, m/s): it needs a prior on the velocity"
+    )
 
 
 def vector_graph(code_rows, scale_rows) -> tuple[gtsam.NonlinearFactorGraph, gtsam.Values, ObjectKeys]:

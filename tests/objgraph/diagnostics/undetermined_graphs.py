@@ -2,7 +2,7 @@
 
 import gtsam
 import numpy as np
-from gtsam.symbol_shorthand import L, X
+from gtsam.symbol_shorthand import B, L, V, X
 
 TENTH = gtsam.noiseModel.Isotropic.Sigma(6, 0.1)
 
@@ -40,4 +40,29 @@ def projections(known_distance: bool) -> tuple[gtsam.NonlinearFactorGraph, gtsam
     if known_distance:
         away = gtsam.noiseModel.Isotropic.Sigma(1, 0.1)
         graph.push_back(gtsam.RangeFactorPose3(X(0), X(1), 0.5, away))
+    return graph, values
+
+
+def inertial(n: int) -> tuple[gtsam.NonlinearFactorGraph, gtsam.Values]:
+    """Poses and velocities by an inertial unit, whose bias is known, and odometry."""
+    params = gtsam.PreintegrationParams.MakeSharedU(9.81)
+    params.setAccelerometerCovariance(1e-4 * np.eye(3))
+    params.setGyroscopeCovariance(1e-5 * np.eye(3))
+    params.setIntegrationCovariance(1e-8 * np.eye(3))
+    graph, values, rng = gtsam.NonlinearFactorGraph(), gtsam.Values(), np.random.default_rng(0)
+    bias, state = gtsam.imuBias.ConstantBias(), gtsam.NavState(gtsam.Pose3(), np.array([1.0, 0, 0]))
+    values.insert(B(0), bias)
+    graph.push_back(gtsam.PriorFactorConstantBias(B(0), bias, TENTH))
+    for i in range(n):
+        if i:
+            measured = gtsam.PreintegratedImuMeasurements(params, bias)
+            force, turning = 2 * rng.normal(size=3) + [0, 0, 9.81], 0.5 * rng.normal(size=3)
+            for _ in range(50):
+                measured.integrateMeasurement(force, turning, 0.01)
+            before, state = state, measured.predict(state, bias)
+            graph.push_back(gtsam.ImuFactor(X(i - 1), V(i - 1), X(i), V(i), B(0), measured))
+            step = before.pose().between(state.pose())
+            graph.push_back(gtsam.BetweenFactorPose3(X(i - 1), X(i), step, TENTH))
+        values.insert(X(i), state.pose())
+        values.insert(V(i), np.array(state.velocity()))
     return graph, values
