@@ -363,10 +363,7 @@ class ObjectGraph:
         return next(n for n in itertools.count(len(self.objects)) if str(n) not in taken)
 
     def _free_index(self) -> int:
-        index, waiting = (
-            len(self.objects),
-            set(self.graph.keyVector()),
-        )  # for values that the caller has yet to insert
+        index, waiting = len(self.objects), set(self.graph.keyVector())  # some for their values
         while any(self.values.exists(key) or key in waiting for key in ObjectKeys.numbered(index)):
             index += 1
         return index
