@@ -160,5 +160,6 @@ def _labels(names: list[str], labels: list[str], max_difference: float) -> dict[
 
 
 def color_path(folder: Path, name: str) -> Path | None:
-    paths = (folder / "color" / f"{name}{suffix}" for suffix in (".jpg", ".png"))
+    endings = (ending for low in (".jpg", ".png", ".jpeg") for ending in (low, low.upper()))
+    paths = (folder / "color" / f"{name}{ending}" for ending in endings)
     return next((path for path in paths if path.is_file()), None)

@@ -128,10 +128,10 @@ def read_instances(
     try:
         if content is None:
             raise ValueError("there is no such file")
+        given = content["up_world"] if usual_up is None else content.get("up_world", usual_up)
         # up_world under another name, say
         if unknown := sorted(content.keys() - {"up_world", "instances", "by"}):
             raise ValueError(f"{unknown[0]} is not known, there are up_world, instances and by: take it out")
-        given = content["up_world"] if usual_up is None else content.get("up_world", usual_up)
         up = direction(given, "up_world")
         if not isinstance(content["instances"], dict):
             raise ValueError("'instances' names no categories by id")

@@ -232,6 +232,9 @@ def _check_consistency(entry: MappedObject) -> None:
         raise _bad(entry, "box_covariance", "needs box_centre and box_extents, and they it")
     if entry.box_extents is not None and not (entry.box_extents > 0).all():
         raise _bad(entry, "box_extents", "must be positive")
+    for name, sigma in (("code_sigma", entry.code_sigma), ("vertex_sigma", entry.vertex_sigma)):
+        if sigma is not None and (sigma < 0).any():
+            raise _bad(entry, name, "has a negative entry")
     if entry.box_covariance is not None and (np.diagonal(entry.box_covariance) < 0).any():
         raise _bad(entry, "box_covariance", "has a negative variance")
     if entry.code is not None and entry.code_sigma is not None and len(entry.code) != len(entry.code_sigma):

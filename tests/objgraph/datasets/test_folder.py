@@ -217,10 +217,11 @@ def test_depth_is_in_millimetres_unless_said_otherwise(folder):
         load(folder)
 
 
-def test_color_is_optional_and_may_be_jpeg_of_another_size(folder):
+@pytest.mark.parametrize("ending", ["jpg", "JPG", "jpeg", "JPEG"])
+def test_color_is_optional_and_may_be_jpeg_of_another_size(folder, ending):
     for path in (folder / "color").iterdir():
         path.unlink()
-    write_bytes(folder / "color" / "000001.jpg", jpeg(color_image(1, scale=2)))
+    write_bytes(folder / "color" / f"000001.{ending}", jpeg(color_image(1, scale=2)))
     first, second, _ = frames_of(load(folder))
     assert first.color is None
     assert second.color is not None

@@ -43,6 +43,8 @@ def test_arrays_are_read_only_double_copies():
         ({"covariance": -np.eye(9)}, "covariance has a negative variance"),
         ({"covariance": np.full((9, 9), np.inf)}, "covariance has entries that are not finite"),
         ({"code_sigma": np.ones(3)}, "code_sigma has 3 entries"),
+        ({"code_sigma": -np.ones(8), "joint_covariance": None}, "code_sigma has a negative entry"),
+        ({"vertex_sigma": -np.ones(3)}, "vertex_sigma has a negative entry"),
         ({"cost_final": float("nan")}, "cost_final must be finite, not nan"),
         ({"seconds_by_stage": {"solve": float("inf")}}, "seconds_by_stage.solve must be finite, not inf"),
         ({"linearizations": 1.5}, "linearizations must be a whole number, not 1.5"),
