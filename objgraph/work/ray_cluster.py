@@ -38,8 +38,9 @@ def spread_by_ray(
                 places[piece.remote(work, level, os.getcwd())] = place
             while places:
                 (done, *_), _ = ray.wait(list(places), num_returns=1)
-                result = _result(ray, done)
-                yield places.pop(done), result
+                # out before it is looked at: told to cancel what is done, Ray can take this process down
+                place = places.pop(done)
+                yield place, _result(ray, done)
         finally:
             for unwanted in places:
                 ray.cancel(unwanted, force=True)

@@ -67,9 +67,12 @@ def test_what_a_worker_cannot_send_costs_its_piece_alone_and_is_named(what):
     assert re.search(AWKWARD[what], str(found[1]))
 
 
-def test_a_mistake_is_raised_here_and_ends_the_others(cluster):
+def test_a_mistake_is_raised_here_and_ends_the_others(cluster, monkeypatch):
+    cancel, ended = cluster.cancel, []
+    monkeypatch.setattr(cluster, "cancel", lambda task, **how: (ended.append(task), cancel(task, **how)))
     with pytest.raises(ValueError, match="mistake"):
         dict(spread([partial(worked, "wait"), partial(worked, "fail")], RAY))
+    assert len(ended) == 1  # not what is done: Ray aborts where it is told so before it has noted its end
     assert cluster.is_initialized()  # the user's own cluster stays
 
 
