@@ -363,8 +363,8 @@ class ObjectGraph:
         return next(n for n in itertools.count(len(self.objects)) if str(n) not in taken)
 
     def _free_index(self) -> int:
-        index, waiting = len(self.objects), set(self.graph.keyVector())  # some for their values
-        while any(self.values.exists(key) or key in waiting for key in ObjectKeys.numbered(index)):
+        index, asked = len(self.objects), set(self.graph.keyVector())  # values may be yet to come
+        while any(self.values.exists(key) or key in asked for key in ObjectKeys.numbered(index)):
             index += 1
         return index
 

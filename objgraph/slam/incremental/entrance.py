@@ -20,7 +20,7 @@ _LOG = logging.getLogger(__name__)
 VIEWS_ENOUGH = 9
 """Of an object that is in doubt: then it enters as it is, to be solved again as the map's objects are."""
 _VIEWS_AWAITED = (5, VIEWS_ENOUGH)
-"""How often it was seen when it is solved again."""
+"""Views of an object in doubt at which it is solved again."""
 
 
 class Entrance:
