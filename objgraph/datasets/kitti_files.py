@@ -32,15 +32,15 @@ def read_boxes(path: Path) -> tuple[KittiBox, ...]:
     Raises:
         DatasetError: the file is missing, or a line of it is damaged; the message names the line.
     """
-    lines = read_bytes(path).decode("utf-8", errors="replace").splitlines()
-    boxes = [_box(line.split(), f"{path}, line {i}") for i, line in enumerate(lines, 1) if line.strip()]
+    lines = enumerate(_lines(path), 1)
+    boxes = [_box(line.split(), f"{path}, line {i}") for i, line in lines if line.strip()]
     return tuple(box for box in boxes if box.type != DONT_CARE)
 
 
 def read_calibration(path: Path) -> Calibration:
     """Raises DatasetError where the file or one of P2, R0_rect and Tr_velo_to_cam is missing or damaged."""
     given = {}
-    for line in read_bytes(path).decode("utf-8", errors="replace").splitlines():
+    for line in _lines(path):
         name, _, numbers = line.partition(":")
         given[name.strip()] = numbers.split()
     P2 = _matrix(given, ("P2",), (3, 4), path)
@@ -83,6 +83,10 @@ def finite_returns(points: Float[np.ndarray, "n 3"], path: Path) -> Float[np.nda
     if not len(finite):
         raise DatasetError(f"{path}: no return is finite; export the scan again, or leave the frame out")
     return finite
+
+
+def _lines(path: Path) -> list[str]:
+    return read_bytes(path).decode("utf-8-sig", errors="replace").splitlines()
 
 
 def _box(words: list[str], where: str) -> KittiBox:

@@ -160,6 +160,16 @@ def test_a_calibration_that_is_no_motion_is_refused(root):
         read_calibration(path)
 
 
+def test_files_of_a_windows_editor_are_read(root):
+    """Their mark of Unicode is no part of the first detection's type, which would be left out without a word."""
+    before = load_frame(root, "000000")
+    for path in (root / "detections" / "000000.txt", root / "training" / "calib" / "000000.txt"):
+        path.write_bytes(b"\xef\xbb\xbf" + path.read_text().replace("\n", "\r\n").encode())
+    after = load_frame(root, "000000")
+    assert [each.id for each in after.detections] == [each.id for each in before.detections]
+    np.testing.assert_array_equal(after.T_world_lidar, before.T_world_lidar)
+
+
 def test_returns_that_are_not_finite_are_left_out(tmp_path):
     points = np.ones((3, 4), np.float32)
     points[1, 2] = np.nan
