@@ -41,8 +41,9 @@ def read_calibration(path: Path) -> Calibration:
     """Raises DatasetError where the file or one of P2, R0_rect and Tr_velo_to_cam is missing or damaged."""
     given = {}
     for line in _lines(path):
-        name, _, numbers = line.partition(":")
-        given[name.strip()] = numbers.split()
+        # the tracking benchmark writes no colon behind R_rect and Tr_velo_cam
+        name, *numbers = line.replace(":", " ", 1).split() or [""]
+        given[name] = numbers
     P2 = _matrix(given, ("P2",), (3, 4), path)
     R0 = _matrix(given, ("R0_rect", "R_rect"), (3, 3), path)
     Tr = _matrix(given, ("Tr_velo_to_cam", "Tr_velo_cam"), (3, 4), path)

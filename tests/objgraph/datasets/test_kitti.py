@@ -160,6 +160,18 @@ def test_a_calibration_that_is_no_motion_is_refused(root):
         read_calibration(path)
 
 
+@pytest.mark.parametrize("colon", ["", ":", " : "])
+def test_a_calibration_of_the_tracking_benchmark_is_read(root, colon):
+    """It has other names, and no colon behind them."""
+    path = root / "training" / "calib" / "000000.txt"
+    before = read_calibration(path)
+    text = path.read_text().replace("R0_rect:", f"R_rect{colon}")
+    path.write_text(text.replace("Tr_velo_to_cam:", f"Tr_velo_cam{colon}"))
+    after = read_calibration(path)
+    np.testing.assert_array_equal(after.T_rect_velodyne, before.T_rect_velodyne)
+    np.testing.assert_array_equal(after.K, before.K)
+
+
 def test_files_of_a_windows_editor_are_read(root):
     """Their mark of Unicode is no part of the first detection's type, which would be left out without a word."""
     before = load_frame(root, "000000")
