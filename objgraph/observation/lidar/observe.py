@@ -83,10 +83,10 @@ def observe_lidar(
         raise ObservationError(f"{where}: the detected box is not ahead of the LiDAR; leave it out")
     ids = frame.picture.ids_at(p_world) if frame.picture is not None else np.full(len(p_world), -1)
     own = _own(frame, detection, p_world, ids, road, config)
-    if np.count_nonzero(own) < config.least:
-        raise ObservationError(
-            f"{where}: {np.count_nonzero(own)} returns are in the detected box, at least {config.least} are due"
-        )
+    if (count := np.count_nonzero(own)) < config.least:
+        masked = f" and on its mask (pixels of the value {detection.id})" if (ids != -1).any() else ""
+        what = f"{count} returns are in the detected box{masked}, at least {config.least} are due"
+        raise ObservationError(f"{where}: {what}")
     rng = np.random.default_rng(seed)
     points = p_lidar[own]
     points = points[rng.permutation(len(points))[: config.points]]

@@ -123,6 +123,17 @@ def test_masks_say_what_is_the_cars():
     assert free[:, 0].min() > -0.01  # through the mask it may be a window
 
 
+def test_a_detection_without_a_mask_is_told_from_an_empty_box():
+    """A segmenter that misses a car, or masks that count detections otherwise, leave no return of a full box."""
+    car = detection_at(0, 0, 12, number=3)
+    camera = Intrinsics(100.0, 100.0, 99.5, 99.5, 200, 200)
+    picture = Picture(np.zeros((200, 200, 3), np.uint8), camera, np.eye(4), np.full((200, 200), 2))
+    with pytest.raises(
+        ObservationError, match=r"car 3: 0 returns are .* on its mask \(pixels of the value 3\)"
+    ):
+        observe_lidar(scan(wall(10.0), car, picture=picture), car)
+
+
 @pytest.mark.parametrize(
     ("points", "z", "message"),
     [
