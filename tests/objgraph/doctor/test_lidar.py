@@ -2,12 +2,13 @@
 
 import json
 import shutil
+import weakref
 
 import numpy as np
 import pytest
 
 from objgraph.datasets.kitti import frames
-from objgraph.doctor import examine_lidar
+from objgraph.doctor import examine_lidar, lidar
 from objgraph.synthetic.street import ensure_street
 
 
@@ -38,6 +39,23 @@ def test_nothing_is_wrong_with_the_real_frames(shared_data):
     sections = examine_lidar("kitti", shared_data / "kitti")
     assert not wrong(sections)
     assert dict(sections[1].rows)["car"] == "22 detected"
+
+
+def test_no_scan_is_kept(street, monkeypatch):
+    """KITTI has thousands, some megabytes each: what is read is let go before the next but one."""
+    load, frames_read, alive = lidar.load_lidar_frame, [], []
+
+    def counted(dataset, root, name):
+        alive.append(sum(each() is not None for each in frames_read))
+        frame = load(dataset, root, "000000")
+        frames_read.append(weakref.ref(frame))
+        return frame
+
+    monkeypatch.setattr(lidar, "load_lidar_frame", counted)
+    monkeypatch.setattr(lidar, "lidar_frames", lambda dataset, root: ["000000"] * 4)
+    examine_lidar("kitti", street)
+    assert len(alive) == 4
+    assert max(alive) <= 1
 
 
 def test_a_damaged_frame_is_named_and_the_others_are_read(root):
