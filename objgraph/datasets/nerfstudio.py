@@ -147,7 +147,12 @@ def _named(folder: Path, name: Any, origin: str) -> Path | None:
 def _camera(settings: Mapping[str, Any], origin: str) -> Camera:
     """The camera of a frame's settings over the file's, its pixel centres moved to integers."""
     model = settings.get("camera_model", "OPENCV")
-    bent = [key for key in _DISTORTION if _number(settings.get(key, 0), f"{origin}: {key}") != 0]
+    listed = settings.get("distortion_params", [])
+    lens = {
+        f"distortion_params[{i}]": x for i, x in enumerate(listed if isinstance(listed, list) else [listed])
+    }
+    lens |= {key: settings.get(key, 0) for key in _DISTORTION}
+    bent = [key for key, x in lens.items() if _number(x, f"{origin}: {key}") != 0]
     if model not in _PINHOLES or bent:
         what = f"camera_model {model}" if model not in _PINHOLES else f"lens distortion ({', '.join(bent)})"
         raise DatasetError(f"{origin}: {what} is not corrected: undistort the images and set k1 to p2 to 0")

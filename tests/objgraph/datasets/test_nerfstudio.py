@@ -72,6 +72,11 @@ def test_z_is_up_unless_said_otherwise(folder):
     np.testing.assert_array_equal(load(folder).up_world, [0, 1, 0])
 
 
+def test_distortion_of_zeros_is_none(folder):
+    edit(folder, lambda c: c.update(distortion_params=[0.0] * 6))
+    assert_scans_equal(load(folder), toy_scan(), 0)
+
+
 def test_masks_may_be_named_after_depth_and_colour_may_be_missing(folder):
     for path in (folder / "masks").iterdir():
         path.rename(path.with_name(path.name.replace("frame", "depth")))
@@ -107,6 +112,15 @@ def test_files_outside_of_the_folder_are_refused(folder, key, name):
     ("change", "message"),
     [
         (lambda c: c.update(k1=0.1, p2=0.01), r"frame 0: lens distortion \(k1, p2\) is not corrected"),
+        (
+            lambda c: c.update(distortion_params=[0.0, 0.1]),
+            r"lens distortion \(distortion_params\[1\]\) is not",
+        ),
+        (
+            lambda c: c["frames"][0].update(distortion_params=[0.1] + [0] * 5),
+            r"frame 0: .*distortion_params\[0\]",
+        ),
+        (lambda c: c.update(distortion_params=None), r"distortion_params\[0\] must be a number, not None"),
         (lambda c: c.update(camera_model="OPENCV_FISHEYE"), "camera_model OPENCV_FISHEYE is not corrected"),
         (lambda c: c.update(applied_scale=0.3), "its poses were scaled by 0.3: export it in metres"),
         (lambda c: c.update(depth_unit_scale_factor=0), "must be the metres in a unit"),
@@ -135,7 +149,10 @@ anything = st.recursive(
 
 @settings(max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
-    st.sampled_from(["frames", "fl_x", "cy", "w", "k2", "camera_model", "depth_unit_scale_factor"]), anything
+    st.sampled_from(
+        ["frames", "fl_x", "cy", "w", "k2", "distortion_params", "camera_model", "depth_unit_scale_factor"]
+    ),
+    anything,
 )
 def test_any_value_is_read_or_refused(folder, key, value):
     original = (folder / "transforms.json").read_text()
