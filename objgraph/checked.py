@@ -114,12 +114,13 @@ def fits(value: Any, kind: Any) -> bool:
 
 
 def inside(folder: Path, name: Any) -> Path:
-    """The path of a file that another one names; it, and what it is a link to, lies in the folder."""
+    """The path of a file that another one names, be it with backslashes; it, and what it is a link to, lies in the folder."""
     if not isinstance(name, str) or not name or "\0" in name:
         raise ValueError(f"{name!r} is no file's name")
     path = folder / name
     try:
-        path.exists()
+        if not path.exists():
+            path = folder / name.replace("\\", "/")  # as Windows has it
         within = path.resolve().is_relative_to(folder.resolve())
     except (OSError, RuntimeError) as error:  # links that go round in a circle, names that are too long
         raise ValueError(f"{name!r} is no file's name ({error})") from error

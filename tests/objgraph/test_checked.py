@@ -103,8 +103,29 @@ def test_a_file_in_the_folder(tmp_path, name):
     assert inside(tmp_path, name) == tmp_path / name
 
 
+def test_backslashes_part_folders_unless_a_file_has_them_in_its_name(tmp_path):
+    assert inside(tmp_path, ".\\b\\a.png") == tmp_path / "b" / "a.png"
+    (tmp_path / "b\\a.png").touch()
+    assert inside(tmp_path, "b\\a.png") == tmp_path / "b\\a.png"
+
+
 @pytest.mark.parametrize(
-    "name", ["../a", "/a", "b/../../a", "link/a", "round", "", None, 3, "a\0b", "x" * 5000]
+    "name",
+    [
+        "../a",
+        "/a",
+        "b/../../a",
+        "..\\a",
+        "b\\..\\..\\a",
+        "link\\a",
+        "link/a",
+        "round",
+        "",
+        None,
+        3,
+        "a\0b",
+        "x" * 5000,
+    ],
 )
 def test_a_file_that_is_not_in_the_folder(tmp_path, name):
     folder = tmp_path / "own"

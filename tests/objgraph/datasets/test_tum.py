@@ -37,6 +37,13 @@ def test_masks_may_be_named_after_either_image(tmp_path):
     assert load_scan("tum", tmp_path, "rgb").name == "rgb"
 
 
+def test_lists_may_be_written_on_windows(folder):
+    for name in ("depth.txt", "rgb.txt"):
+        text = (folder / name).read_text().replace("/", "\\").replace("\n", "\r\n")
+        (folder / name).write_bytes(b"\xef\xbb\xbf" + text.encode())
+    assert_scans_equal(load(folder), toy_scan(6), 0.0002)
+
+
 def test_images_far_apart_in_time_are_no_pair(tmp_path):
     folder = write_tum_sequence(tmp_path / "late", toy_scan(), color_delay=0.025)
     # the colour image 25 ms after a depth image is 8 ms before the next one
