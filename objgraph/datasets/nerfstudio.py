@@ -38,6 +38,8 @@ _OPENGL = np.diag([1.0, -1.0, -1.0, 1.0])
 """An OpenCV camera's axes in an OpenGL camera's."""
 _PINHOLES = ("OPENCV", "PINHOLE", "SIMPLE_PINHOLE")
 _DISTORTION = ("k1", "k2", "k3", "k4", "p1", "p2")
+_ENDINGS = (".png", ".jpg", ".jpeg")
+"""Of images whose names have none, as Blender's exporters write them."""
 _Z_UP = np.array([0.0, 0.0, 1.0])
 
 
@@ -137,9 +139,13 @@ def _entries(folder: Path, content: Mapping[str, Any]) -> dict[str, _Entry]:
 
 
 def _named(folder: Path, name: Any, origin: str) -> Path | None:
-    """A file that the folder holds; None where none is named."""
+    """A file that the folder holds, be its ending left out; None where none is named."""
+    if name is None:
+        return None
     try:
-        return None if name is None else inside(folder, name)
+        path = inside(folder, name)
+        others = (inside(folder, name + ending) for ending in _ENDINGS)
+        return path if path.is_file() else next((other for other in others if other.is_file()), path)
     except ValueError as error:
         raise DatasetError(f"{origin}: {error}") from error
 

@@ -77,6 +77,27 @@ def test_distortion_of_zeros_is_none(folder):
     assert_scans_equal(load(folder), toy_scan(), 0)
 
 
+@pytest.mark.parametrize("form", ["frame_{:05d}", "1305031102.{:05d}"])
+def test_names_may_lack_their_endings(folder, form):
+    """As those of Blender's exporters do; what is behind a point in them is no ending."""
+    for k in range(3):
+        for kind in ("images", "masks"):
+            path = folder / kind / f"frame_{k:05d}.png"
+            path.rename(path.with_name(f"{form.format(k)}.png"))
+        edit(
+            folder,
+            lambda c, k=k: c["frames"][k].update(
+                file_path=f"./images/{form.format(k)}", depth_file_path=f"depths/depth_{k:05d}"
+            ),
+        )
+    scan = load(folder)
+    assert scan.frames.names == tuple(form.format(k) for k in range(3))
+    for frame, expected in zip(frames_of(scan), frames_of(toy_scan()), strict=True):
+        assert frame.color is not None
+        np.testing.assert_array_equal(frame.color, expected.color)
+        np.testing.assert_array_equal(frame.depth, expected.depth)
+
+
 def test_masks_may_be_named_after_depth_and_colour_may_be_missing(folder):
     for path in (folder / "masks").iterdir():
         path.rename(path.with_name(path.name.replace("frame", "depth")))
