@@ -6,8 +6,9 @@ import logging
 import numpy as np
 import pytest
 
-from objgraph.datasets import load_scan
+from objgraph.datasets import load_scan, scenes
 from objgraph.datasets.ground_truth import AnnotatedScan, annotated
+from objgraph.datasets.registry import load_annotated
 from objgraph.errors import DatasetError
 from objgraph.observation.frames import Instance
 from tests.objgraph.datasets.dataset_folders import (
@@ -48,6 +49,18 @@ def test_points_in_a_box_are_the_objects(tmp_path, caplog):
     assert frame.depth[0, 1] == 0
     assert frame.color is not None
     np.testing.assert_allclose(frame.color[5, 5], [201, 40, 20], atol=4)
+
+
+def test_a_sequences_own_folder_is_a_root(tmp_path):
+    folder = write_seven_scenes(tmp_path)
+    assert scenes("sevenscenes", folder) == scenes("sevenscenes", tmp_path) == [folder.name]
+    own, above = (load_annotated("sevenscenes", root, folder.name) for root in (folder, tmp_path))
+    assert own.name == above.name
+    assert own.frames.names == above.frames.names
+    assert own.ground_truth.keys() == above.ground_truth.keys() == {1, 2}
+    (folder / "camera-intrinsics.txt").unlink()
+    with pytest.raises(DatasetError, match=r"a scan's folder holds camera-intrinsics\.txt"):
+        load_scan("sevenscenes", folder)
 
 
 def test_the_floor_belongs_to_no_object(tmp_path):
