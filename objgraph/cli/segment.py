@@ -1,6 +1,7 @@
 """What the command line does with colour images: `objgraph segment` writes the masks that are missing."""
 
 import json
+import logging
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -16,7 +17,7 @@ from objgraph.atomic import write_file, write_folder
 from objgraph.checked import direction
 from objgraph.cli.run_config import Topics
 from objgraph.datasets.bag.load import Recording, pick_bag
-from objgraph.datasets.files import LazyFrames, decode_color, pick_folder, read_bytes, read_json
+from objgraph.datasets.files import LazyFrames, decode_color, image_shape, pick_folder, read_bytes, read_json
 from objgraph.datasets.folder import color_path, frames_with_masks
 from objgraph.datasets.kitti import CATEGORIES, frames
 from objgraph.datasets.kitti_files import read_boxes
@@ -25,6 +26,10 @@ from objgraph.segment.link import link
 from objgraph.segment.mask2former import Segmenter
 from objgraph.segment.masks import detection_masks, instance_masks
 
+log = logging.getLogger(__name__)
+
+_Boxes = Mapping[int, tuple[str, Float[np.ndarray, "4"]]]
+"""Category and (left, top, right, bottom) in pixels, by detection."""
 _BY = "objgraph segment"
 """What `instances.json` says of who wrote it: that one may be replaced, be it of a run that was killed."""
 
@@ -74,23 +79,23 @@ def run_segment(command: SegmentCommand, console: Console) -> Path:
     """
     if command.stride < 1:
         raise DatasetError(f"--stride {command.stride}: must be 1 or more")
-    scan = (
-        None
-        if command.dataset == "kitti"
-        else _bag(command)
-        if command.dataset == "bag"
-        else _folder(command)
-    )
-    masks = (command.root if scan is None else scan.folder) / "masks"
-    if masks.exists():
-        raise DatasetError(f"{masks}: already there; remove it to segment the images again")
-    up = None if scan is None else _up(command, scan)
-    segmenter = Segmenter.load(command.weights, device=command.device)
-    if scan is None or up is None:
-        write_folder(masks, lambda folder: _kitti(command.root, folder, segmenter))
+    if command.dataset == "kitti":
+        detected, masks = _detected(command.root), _free(command.root / "masks")
+        segmenter = Segmenter.load(command.weights, device=command.device)
+        write_folder(masks, lambda folder: _kitti(detected, folder, segmenter))
     else:
+        scan = _bag(command) if command.dataset == "bag" else _folder(command)
+        masks, up = _free(scan.folder / "masks"), _up(command, scan)
+        segmenter = Segmenter.load(command.weights, device=command.device)
         write_folder(masks, lambda folder: _scan(scan, folder, segmenter, up))
     console.print(f"written to {masks}", markup=False)
+    return masks
+
+
+def _free(masks: Path) -> Path:
+    """The folder that is to be written; raises DatasetError where it is there."""
+    if masks.exists():
+        raise DatasetError(f"{masks}: already there; remove it to segment the images again")
     return masks
 
 
@@ -137,16 +142,29 @@ def _bag(command: SegmentCommand) -> _Unmasked:
     )
 
 
-def _kitti(root: Path, out: Path, segmenter: Segmenter) -> None:
+def _detected(root: Path) -> dict[str, tuple[Path, _Boxes]]:
+    """Picture and detections of each frame that has a picture; all are looked at now, as those of a folder are."""
+    found = {}
+    for name in frames(root):
+        picture = root / "training" / "image_2" / f"{name}.png"
+        if not picture.exists():
+            log.warning("%s: no such picture, frame %s is left out", picture, name)
+            continue
+        image_shape(picture, picture)
+        boxes = enumerate(read_boxes(root / "detections" / f"{name}.txt"), 1)
+        found[name] = (
+            picture,
+            {i: (CATEGORIES[box.type], box.image_box) for i, box in boxes if box.type in CATEGORIES},
+        )
+    if not found:
+        raise DatasetError(f"{root / 'training' / 'image_2'}: holds no picture of a scan: nothing to segment")
+    return found
+
+
+def _kitti(detected: Mapping[str, tuple[Path, _Boxes]], out: Path, segmenter: Segmenter) -> None:
     """Each detection gets the mask that fills its image box best."""
-    for name in track(frames(root), "segmenting"):
-        path = root / "training" / "image_2" / f"{name}.png"
-        color = decode_color(read_bytes(path), path)
-        boxes = {
-            i: (CATEGORIES[box.type], box.image_box)
-            for i, box in enumerate(read_boxes(root / "detections" / f"{name}.txt"), 1)
-            if box.type in CATEGORIES
-        }
+    for name, (picture, boxes) in track(detected.items(), "segmenting"):
+        color = decode_color(read_bytes(picture), picture)
         _write(out / f"{name}.png", detection_masks(segmenter.segment(color), boxes, _size(color)))
 
 

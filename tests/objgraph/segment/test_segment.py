@@ -317,3 +317,30 @@ def test_kitti_gets_a_mask_for_every_detection(tmp_path, segmenting, monkeypatch
     for detection in frame.detections:
         own = frame.picture.ids_at(frame.p_world[detection.box.contains(frame.p_world)])
         assert np.mean(own == detection.id) > 0.8
+
+
+def test_a_frame_without_a_picture_stops_no_other(tmp_path, segmenting, caplog):
+    root = ensure_street(tmp_path, StreetConfig(frames=2, cars=1))
+    (root / "training" / "image_2" / "000001.png").unlink()
+    assert main(["segment", "--dataset", "kitti", "--root", str(root)]) == 0
+    assert [path.name for path in (root / "masks").iterdir()] == ["000000.png"]
+    assert "000001.png: no such picture, frame 000001 is left out" in caplog.text
+
+
+@pytest.mark.parametrize(
+    ("damage", "message"),
+    [
+        (lambda root: (root / "detections" / "000001.txt").unlink(), "000001.txt: cannot be read"),
+        (lambda root: (root / "training" / "image_2" / "000001.png").write_bytes(b"no png"), "no readable image"),
+        (lambda root: [path.unlink() for path in (root / "training" / "image_2").iterdir()], "nothing to segment"),
+    ],
+)  # fmt: skip
+def test_what_is_wrong_with_kitti_is_told_before_a_picture_is_segmented(
+    tmp_path, monkeypatch, capsys, damage, message
+):
+    monkeypatch.setattr(Segmenter, "load", classmethod(lambda *_, **__: pytest.fail("too late")))
+    root = ensure_street(tmp_path, StreetConfig(frames=2, cars=1))
+    damage(root)
+    assert main(["segment", "--dataset", "kitti", "--root", str(root)]) == 1
+    assert message in capsys.readouterr().err
+    assert not (root / "masks").exists()
