@@ -179,7 +179,8 @@ def load_frame_of(source: Source) -> LidarFrame:
     if source.categories:
         wanted = {category_of(each) for each in source.categories}
         kept = tuple(each for each in frame.detections if category_of(each.category) in wanted)
-        frame = replace(frame, detections=kept)
+        others = tuple(each for each in frame.detections if category_of(each.category) not in wanted)
+        frame = replace(frame, detections=kept, others=(*frame.others, *others))
     if not frame.detections:
         raise DatasetError(f"frame {frame.name}: nothing is detected that could be mapped")
     return frame

@@ -8,6 +8,7 @@ do not count.
 The world is the rectified frame of camera 0 (x right, y down, z ahead), as in the labels.
 """
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -39,7 +40,7 @@ def frames(root: Path) -> list[str]:
 def load_frame(
     root: Path, name: str | None = None, *, detections: Path | None = None, masks: Path | None = None
 ) -> LidarFrame:
-    """One frame with its detections; those of types that no prior is for are left out.
+    """One frame with its detections; those of types that no prior is for are its others.
 
     `detections` and `masks` are folders, by default those under `root`; masks may be missing, as may the picture.
 
@@ -54,13 +55,16 @@ def load_frame(
     T_world_lidar = calibration.T_rect_velodyne.copy()
     T_world_lidar[:3, :3] = T_world_lidar[:3, :3] @ VELODYNE_AXES
     boxes = read_boxes((detections or root / "detections") / f"{name}.txt")
+    found = [detection(box, i) for i, box in enumerate(boxes, 1) if box.type in CATEGORIES]
+    others = [detection(box, i) for i, box in enumerate(boxes, 1) if box.type not in CATEGORIES]
     return LidarFrame(
         name,
         points @ VELODYNE_AXES,
         T_world_lidar,
         np.array([0.0, -1.0, 0.0]),
-        tuple(detection(box, i) for i, box in enumerate(boxes, 1) if box.type in CATEGORIES),
+        tuple(found),
         _picture(training, masks or root / "masks", name, calibration),
+        tuple(each for each in others if not _seen_twice(each, found)),
     )
 
 
@@ -77,7 +81,12 @@ def load_labels(root: Path, name: str) -> tuple[KittiBox, ...]:
 
 def detection(box: KittiBox, number: int) -> Detection:
     """A detector's line as an object to be estimated."""
-    return Detection(number, CATEGORIES[box.type], box.T_rect_object, box.size, box.score)
+    return Detection(number, CATEGORIES.get(box.type, box.type), box.T_rect_object, box.size, box.score)
+
+
+def _seen_twice(other: Detection, found: Sequence[Detection]) -> bool:
+    """Whether it stands in one of these: a car that was taken for a van, too, or a false alarm in it."""
+    return any(each.outside(other.T_world_object[None, :3, 3])[0] <= 0 for each in found)
 
 
 def _picture(training: Path, masks: Path, name: str, calibration: Calibration) -> Picture | None:

@@ -52,7 +52,8 @@ PICTURE: dict[str, Any] = {
 @fuzzed
 @given(data=st.data())
 def test_lidar_scans(data):
-    given = data.draw(arguments(LIDAR, {"picture": Picture(**PICTURE)}))
+    others = (replace(DETECTION, id=2),)
+    given = data.draw(arguments(LIDAR, {"picture": Picture(**PICTURE), "others": others}))
     picture = data.draw(arguments(PICTURE))
     detection = data.draw(arguments(vars(DETECTION)))
 

@@ -113,6 +113,8 @@ class LidarFrame:
     """Unit vector against gravity, as far as it is known without looking at the road."""
     detections: tuple[Detection, ...]
     picture: Picture | None = None
+    others: tuple[Detection, ...] = ()
+    """Found, too, and not to be estimated: returns that are nearer to one of these are no detection's."""
 
     def __post_init__(self) -> None:
         """Raises ObservationError where it is no scan; returns that are not finite may be in it, and say nothing."""
@@ -125,7 +127,9 @@ class LidarFrame:
         object.__setattr__(self, "up_world", up)
         found = checks.tuple_of(f"{where}: detections", self.detections, Detection, ObservationError)
         object.__setattr__(self, "detections", found)
-        ids = [each.id for each in self.detections]
+        others = checks.tuple_of(f"{where}: others", self.others, Detection, ObservationError)
+        object.__setattr__(self, "others", others)
+        ids = [each.id for each in (*found, *others)]
         if len(set(ids)) < len(ids):
             raise ObservationError(f"{where}: two detections have the same id; give each its own")
         if self.picture is not None:

@@ -115,7 +115,7 @@ def _own(
     """Which returns come from the object: in or near its box, in no other's more, above the road."""
     outside = detection.outside(p_world)
     own = outside < config.margin
-    for other in frame.detections:
+    for other in (*frame.detections, *frame.others):
         if other.id != detection.id:
             own &= outside <= other.outside(p_world)
     if road is not None:

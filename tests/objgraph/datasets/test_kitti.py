@@ -114,6 +114,22 @@ def test_what_no_prior_is_for_is_left_out(root):
     assert load_frame(root, "000000").detections == ()
 
 
+def test_what_is_not_mapped_is_known(root):
+    """A pedestrian beside a car keeps its returns; one in the car's box is the car, taken for another."""
+    path = root / "detections" / "000000.txt"
+    before = load_frame(root, "000000")
+    assert before.others == ()
+    line = path.read_text().splitlines()[0].split()
+    height, width, length, x, y, z = map(float, line[8:14])
+    beside = ["Pedestrian", *line[1:8], "1.8", "0.5", "0.5", str(x + length), str(y), str(z), *line[14:]]
+    within = ["Van", *line[1:8], str(height), str(width), str(length), str(x), str(y), str(z), *line[14:]]
+    path.write_text("\n".join([" ".join(beside), " ".join(within), path.read_text()]))
+    after = load_frame(root, "000000")
+    assert [(each.id, each.category) for each in after.others] == [(1, "Pedestrian")]
+    np.testing.assert_allclose(after.others[0].T_world_object[:3, 3], [x + length, y - 0.9, z])
+    assert [each.id - 2 for each in after.detections] == [each.id for each in before.detections]
+
+
 def test_a_picture_may_be_missing(root):
     (root / "training" / "image_2" / "000000.png").unlink()
     assert load_frame(root, "000000").picture is None

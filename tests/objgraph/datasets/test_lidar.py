@@ -10,6 +10,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from objgraph.cli.main import main
+from objgraph.cli.map import load_frame_of
+from objgraph.cli.run_config import Source
 from objgraph.datasets import kitti, load_lidar_frame
 from objgraph.datasets.kitti_files import read_calibration, read_velodyne
 from objgraph.datasets.lidar import frames
@@ -67,6 +69,17 @@ def rewrite(folder, form):
             str(path), cloud, write_ascii="ascii" in form, compressed="compressed" in form
         )
     return path
+
+
+def test_detections_of_other_categories_stay_known(folder):
+    """With --categories they are not mapped, and keep their returns."""
+    path = folder / "detections.json"
+    content = json.loads(path.read_text())
+    content["boxes"][0]["category"] = "truck"
+    path.write_text(json.dumps(content))
+    frame = load_frame_of(Source("lidar", folder, categories=("car",)))
+    assert [(each.id, each.category) for each in frame.detections] == [(2, "car")]
+    assert [(each.id, each.category) for each in frame.others] == [(1, "truck")]
 
 
 @pytest.mark.parametrize("form", FORMATS)

@@ -97,6 +97,25 @@ def test_neighbours_keep_their_own_returns():
     assert observe_lidar(frame, other).points_camera[:, 0].min() > 1.3
 
 
+@settings(max_examples=20, deadline=None)
+@given(st.sets(st.sampled_from([2, 3, 4])), st.integers(0, 100))
+def test_what_is_not_mapped_keeps_its_returns(left_out, seed):
+    """Whatever of a car's neighbours is to be mapped, the car's returns are the same."""
+    rng = np.random.default_rng(seed)
+    car, *others = (detection_at(x, 0, 12, number) for number, x in enumerate((0.0, 2.1, -2.2, 4.1), 1))
+    frame = scan(rng.uniform([-5, -0.6, 10.0], [5, 0.6, 11.0], (1500, 3)), car, *others)
+    some = replace(
+        frame,
+        detections=(car, *(each for each in others if each.id not in left_out)),
+        others=tuple(each for each in others if each.id in left_out),
+    )
+    np.testing.assert_array_equal(
+        observe_lidar(some, car).points_camera, observe_lidar(frame, car).points_camera
+    )
+    alone = observe_lidar(replace(frame, detections=(car,)), car).points_camera
+    assert np.abs(alone[:, 0]).max() > np.abs(observe_lidar(frame, car).points_camera[:, 0]).max()
+
+
 def test_the_road_is_no_part_of_the_car():
     car = detection_at(0, 0, 12)
     ground = np.column_stack(
@@ -153,6 +172,8 @@ def test_a_box_that_is_none_is_refused():
         replace(detection_at(0, 0, 9), size=np.array([1.0, 0.0, 2.0]))
     with pytest.raises(ObservationError, match="not finite"):
         detection_at(np.nan, 0, 9)
+    with pytest.raises(ObservationError, match="two detections have the same id"):
+        replace(scan(wall(10.0), detection_at(0, 0, 12)), others=(detection_at(2, 0, 12),))
     with pytest.raises(ObservationError, match="no detection 3; there are: 1"):
         scan(wall(10.0), detection_at(0, 0, 12)).detection(3)
 
