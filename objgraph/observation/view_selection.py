@@ -82,7 +82,8 @@ class ViewIndex:
         views = self.views.get(instance_id, ())
         if not views:
             raise ObservationError(
-                f"instance {instance_id}: no frame has mask pixels of it with depth within {self.config.max_depth:g} m"
+                f"instance {instance_id}: no frame has mask pixels of it with depth within {self.config.max_depth:g} m "
+                "(depths must be metres; millimetres: divide by 1000)"
             )
         candidates = [view for view in views if view.pixels >= self.config.min_pixels] or list(views)
         chosen = [max(candidates, key=lambda view: self._uncut(view) * view.pixels)]

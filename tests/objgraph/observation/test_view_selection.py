@@ -164,6 +164,15 @@ def test_an_instance_that_no_frame_sees_is_named():
         summarize(Frames([])).select(1, 1)
 
 
+def test_millimetres_are_told_of():
+    """They are all beyond any depth that counts: that there are no pixels is then not what is wrong."""
+    index = summarize(Frames([_frame(depth=2000.0)]))
+    with pytest.raises(
+        ObservationError, match=r"instance 1: no frame .* metres; millimetres: divide by 1000"
+    ):
+        index.select(1, 3)
+
+
 def test_views_of_the_real_scan_see_more_than_the_largest_masks(shared_data):
     scan = load_scan("scannet", shared_data / "scannet")
     index = summarize(scan.frames)
