@@ -1,6 +1,7 @@
 """One frame as it was understood: the objects' outlines, the floor and which way is up."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -12,7 +13,7 @@ from objgraph.geometry.frames import level_axes, transformed, transformed_back
 from objgraph.maps.colors import COLORS
 from objgraph.observation.frames import Frame, Instance
 from objgraph.show import figure, raster
-from objgraph.show.report.views import image_of
+from objgraph.show.report.views import image_of, known_depth
 
 _WIDTH = 960
 """Of the picture, in pixels."""
@@ -34,6 +35,7 @@ def doctor_picture(
     path: Path,
 ) -> None:
     """Write a PNG of a frame; `floor` is the floor's height along `up_world` in metres, None where none is known."""
+    frame = replace(frame, depth=known_depth(frame))
     scale = _WIDTH / frame.intrinsics.width
     size = (_WIDTH, round(scale * frame.intrinsics.height))
     image = cv2.resize(image_of(frame), size, interpolation=cv2.INTER_LINEAR)

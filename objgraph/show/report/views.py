@@ -68,11 +68,15 @@ def image_of(frame: Frame) -> UInt8[np.ndarray, "h w 3"]:
     """Its colours; of a frame without any, its depth in greys."""
     if frame.color is not None:
         return frame.color.copy()
-    near, far = np.percentile(frame.depth[frame.depth > 0], (2, 98)) if (frame.depth > 0).any() else (0, 1)
-    grey = np.where(
-        frame.depth > 0, 230 - 190 * np.clip((frame.depth - near) / max(far - near, 1e-6), 0, 1), 0
-    )
+    depth = known_depth(frame)
+    near, far = np.percentile(depth[depth > 0], (2, 98)) if depth.any() else (0, 1)
+    grey = np.where(depth > 0, 230 - 190 * np.clip((depth - near) / max(far - near, 1e-6), 0, 1), 0)
     return np.repeat(grey.astype(np.uint8)[..., None], 3, axis=2)
+
+
+def known_depth(frame: Frame) -> Float[np.ndarray, "h w"]:
+    """Metres, 0 where there is none, whatever the frame has there: NaN, infinity, or less than 0."""
+    return np.where(np.isfinite(frame.depth) & (frame.depth > 0), frame.depth, 0.0)
 
 
 def _of(intrinsics: Intrinsics, shape: Sequence[int]) -> Intrinsics:

@@ -65,3 +65,14 @@ def test_a_frame_of_nothing_is_drawn(frame, tmp_path):
     )
     doctor_picture(empty, [CHAIR], UP, 0.0, tmp_path / "x.png")
     assert pixels(tmp_path / "x.png").shape[1] > 900
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("none", [np.nan, np.inf, -1.0])
+def test_no_depth_is_drawn_alike_however_it_is_written(frame, tmp_path, none):
+    holes = np.random.default_rng(0).random(frame.depth.shape) < 0.6
+    for name, value in (("zero", 0.0), ("none", none)):
+        depth = np.where(holes | (frame.depth <= 0), value, frame.depth)
+        doctor_picture(replace(frame, depth=depth), [CHAIR], UP, 0.0, tmp_path / f"{name}.png")
+    np.testing.assert_array_equal(pixels(tmp_path / "none.png"), pixels(tmp_path / "zero.png"))
+    assert len(np.unique(pixels(tmp_path / "none.png"))) > 100
