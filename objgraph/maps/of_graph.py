@@ -31,7 +31,7 @@ def map_of(
 ) -> ObjectMap:
     """A graph's objects as they stand there now: meshes in the world, covariances, verdicts and calibrated boxes.
 
-    An object's `id` is the number in its name, or its place among `objects.objects` where names have none of their own. One
+    An object's `id` is the number that its name ends with, or its place among `objects.objects` where names have none of their own. One
     that cannot be mapped is a failed one, with its reason. One without views (behind a lag) has no verdict, nor has one that the
     calibration, by default the shipped one, knows nothing of. Meshes are cut at `resolution` cells along an edge.
 
@@ -79,6 +79,6 @@ def _entry(
 
 
 def _numbers(handles: Sequence[Handle]) -> list[int]:
-    said = [re.fullmatch(rf"{re.escape(each.prior.category)} (\d{{1,9}})", each.name) for each in handles]
+    said = [re.search(r" ([0-9]{1,9})$", each.name) for each in handles]
     numbers = [int(each[1]) for each in said if each is not None]
     return numbers if len(set(numbers)) == len(handles) else list(range(len(handles)))

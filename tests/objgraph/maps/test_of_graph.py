@@ -126,7 +126,14 @@ def test_what_no_calibration_knows_is_mapped_without_asking_how_it_may_stand(gra
 
 @pytest.mark.parametrize(
     ("names", "numbers"),
-    [(["chair 4", "chair 2"], [4, 2]), (["chair 4", "the chair"], [0, 1]), (["chair 4", "chair 4"], [0, 1])],
+    [
+        (["chair 4", "chair 2"], [4, 2]),
+        (["office chair 4", "bar stool 2"], [4, 2]),
+        (["chair 4", "the chair"], [0, 1]),
+        (["chair 4", "chair 4"], [0, 1]),
+        (["chair 4", "office chair 4"], [0, 1]),
+        (["chair 4", "chair b2"], [0, 1]),
+    ],
 )
 def test_ids_are_the_numbers_of_names_that_have_their_own(names, numbers):
     objects = ObjectGraph(gtsam.NonlinearFactorGraph(), gtsam.Values(), up_world=UP)
