@@ -74,6 +74,7 @@ class Frame:
             raise ObservationError(
                 f"{where}: an instance id is above {IDS.most:g}; number the objects from 1 on"
             )
+        check_colors(where, self.color)
         check_sizes(where, self.intrinsics, depth=self.depth, instance=self.instances)
 
 
@@ -84,6 +85,12 @@ _IMAGES: tuple[tuple[str, tuple[int | None, ...], str], ...] = (
     ("color", (None, None, 3), "u"),
 )
 """Arrays of a frame, their shapes and types."""
+
+
+def check_colors(where: str, color: np.ndarray | None) -> None:
+    """Raise ObservationError where whole numbers are not of the 8 bits that all who draw take them for."""
+    if color is not None and color.dtype != np.uint8:
+        raise ObservationError(f"{where}: color is an array of {color.dtype}; its entries must be of 8 bits")
 
 
 def check_sizes(where: str, intrinsics: Intrinsics, **images: np.ndarray | None) -> None:

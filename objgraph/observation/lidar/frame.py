@@ -11,7 +11,7 @@ from factors.checks import DEVIATIONS, PLACES
 from objgraph.errors import ObservationError
 from objgraph.geometry.boxes import OrientedBox
 from objgraph.geometry.frames import transformed, transformed_back, why_not_rigid
-from objgraph.observation.frames import IDS, Intrinsics, check_sizes
+from objgraph.observation.frames import IDS, Intrinsics, check_colors, check_sizes
 
 
 def rigid(what: str, T: Float[np.ndarray, "4 4"]) -> Float[np.ndarray, "4 4"]:
@@ -77,6 +77,7 @@ class Picture:
         checks.instance("a picture's intrinsics", self.intrinsics, Intrinsics, ObservationError)
         color = checks.array("a picture's color", self.color, (None, None, 3), ObservationError, kinds="u")
         T = checks.reals("a picture's T_world_camera", self.T_world_camera, (4, 4), PLACES, ObservationError)
+        check_colors("a picture", color)
         object.__setattr__(self, "color", color)
         object.__setattr__(self, "T_world_camera", T)
         if self.instances is not None:

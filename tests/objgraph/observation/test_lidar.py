@@ -153,6 +153,12 @@ def test_a_detection_without_a_mask_is_told_from_an_empty_box():
         observe_lidar(scan(wall(10.0), car, picture=picture), car)
 
 
+def test_a_picture_of_more_than_eight_bits_is_refused():
+    camera = Intrinsics(100.0, 100.0, 99.5, 99.5, 200, 200)
+    with pytest.raises(ObservationError, match="a picture: color is an array of uint16"):
+        Picture(np.zeros((200, 200, 3), np.uint16), camera, np.eye(4))
+
+
 @pytest.mark.parametrize(
     ("points", "z", "message"),
     [

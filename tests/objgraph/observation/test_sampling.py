@@ -101,6 +101,10 @@ def test_a_bad_frame_is_an_error_that_names_it(case):
         ({"instances": np.zeros((48, 64))}, "instances is an array of float64; its entries must be whole"),
         ({"instances": np.full((48, 64), 10**12)}, "an instance id is above"),
         ({"color": np.zeros((48, 64))}, "color is an array of float64"),
+        (
+            {"color": np.zeros((48, 64, 3), np.uint16)},
+            "color is an array of uint16; its entries must be of 8",
+        ),
         ({"intrinsics": None}, "intrinsics must be of type Intrinsics, not NoneType"),
     ],
 )
