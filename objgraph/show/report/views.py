@@ -29,18 +29,29 @@ class ObjectPicture:
 
 def object_pictures(entries: Sequence[MappedObject], frames: FrameSource) -> dict[int, list[ObjectPicture]]:
     """By object, one picture a view that it was mapped from, of those that the scan still has."""
-    index = {name: i for i, name in enumerate(frames.names)}
+    index: dict[str, list[int]] = {}
+    for i, name in enumerate(frames.names):
+        index.setdefault(name, []).append(i)
     found = {}
     for entry in entries:
         if entry.vertices is None or entry.faces is None or entry.cameras is None:
             continue
         surface = raster.Surface(entry.vertices, entry.faces, np.ones_like(entry.vertices))
         found[entry.id] = [
-            _picture(frames[index[name]], T_world_camera, entry.id, surface)
+            _picture(_taken_from(T_world_camera, frames, index[name]), T_world_camera, entry.id, surface)
             for name, T_world_camera in zip(entry.views, entry.cameras, strict=True)
             if name in index
         ]
     return found
+
+
+def _taken_from(T_world_camera: Float[np.ndarray, "4 4"], frames: FrameSource, alike: Sequence[int]) -> Frame:
+    """Of frames of one name, as several cameras may have them, the one of this pose."""
+
+    def away(frame: Frame) -> float:
+        return float(np.nan_to_num(np.abs(frame.T_world_camera - T_world_camera), nan=np.inf).max())
+
+    return min((frames[i] for i in alike), key=away)
 
 
 def _picture(

@@ -204,6 +204,21 @@ def test_views_are_cut_out_with_both_outlines():
     assert np.abs(same.astype(int) - again.rgb).mean() < 6
 
 
+def test_of_frames_with_one_name_the_one_that_was_looked_from_is_shown():
+    state = toy_state()
+    mesh = toy_mesh(state.code)
+    frames = [toy_frame([state], azimuth, f"f{i}") for i, azimuth in enumerate((0.5, 1.5))]
+    entry = mapped(
+        1, vertices=state.to_world(np.asarray(mesh.vertices)), faces=np.asarray(mesh.faces), vertex_sigma=None,
+        views=("f0", "f1"), cameras=np.stack([frame.T_world_camera for frame in frames]),
+    )  # fmt: skip
+    (named,) = object_pictures([entry], ListedFrames(frames)).values()
+    alike = [replace(frame, name="f") for frame in frames]
+    (found,) = object_pictures([replace(entry, views=("f", "f"))], ListedFrames(alike)).values()
+    for shown, expected in zip(found, named, strict=True):
+        np.testing.assert_array_equal(shown.rgb, expected.rgb)
+
+
 def test_the_command_needs_a_map_and_tells_what_the_page_lacks(saved, tmp_path, capsys):
     _, folder = saved
     assert main(["report", str(folder)]) == 0
