@@ -1,5 +1,6 @@
 """What mapping gives: the objects of a scene, saved as JSON, GLB and safetensors."""
 
+import logging
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -13,10 +14,14 @@ from objgraph.maps import files as map_files
 from objgraph.maps.colors import sigma_colors, sigma_limit
 from objgraph.maps.mapped_object import MappedObject
 
+log = logging.getLogger(__name__)
+
 VERSION = 7
 """Of the document's layout."""
 _NEW = {6: ("trust",)}
 """What objects of earlier layouts that are still read had not."""
+_COARSE = 1e-3
+"""Metres between neighbouring numbers of single precision from which on a mesh is worth a warning."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,7 +62,7 @@ class ObjectMap:
         Over an existing map a kill at any moment leaves the old map or the new one. Who reads meanwhile may miss files
         that the old one named. The old one's `evaluation.json` goes. Other files are left alone: `config.json` too, which
         `objgraph map` writes after this, and from which `objgraph report` and `view` know the scan. Vertices and their
-        sigma are stored in single precision.
+        sigma are stored in single precision, which is warned of from 16 km off the origin on.
 
         Raises:
             MapError: the folder cannot be written.
@@ -72,6 +77,7 @@ class ObjectMap:
                 colors = None
                 if entry.vertex_sigma is not None and limit is not None:
                     colors = sigma_colors(entry.vertex_sigma, limit)
+                _warn_of_coarseness(entry.name, entry.vertices)
                 surface = map_files.Surface(entry.vertices, entry.faces, entry.vertex_sigma)
                 data = map_files.encode_surface(surface, colors)
                 name = map_files.surface_name(entry.id, data)
@@ -120,6 +126,15 @@ class ObjectMap:
             return cls(str(document["scene"]), tuple(objects), document["up_world"])
         except (MapError, TypeError, ValueError) as error:
             raise MapError(f"{path}: {error}") from error
+
+
+def _warn_of_coarseness(name: str, vertices: Float[np.ndarray, "v 3"]) -> None:
+    farthest = float(min(np.abs(vertices).max(), np.finfo(np.float32).max / 2))
+    if (step := float(np.spacing(np.float32(farthest)))) > _COARSE:
+        log.warning(
+            "%s: %.0f km off the world's origin its mesh is saved in steps of %.0f mm; move the origin near the scan",
+            name, farthest / 1000, 1000 * step,
+        )  # fmt: skip
 
 
 def _folder(folder: Path | str) -> Path:

@@ -1,6 +1,7 @@
 """The map and its objects: what they refuse."""
 
 import json
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -196,3 +197,19 @@ def typed(value: Any) -> Any:
 def test_what_is_no_part_of_a_map_is_named(make, message):
     with pytest.raises(MapError, match=message):
         make()
+
+
+@pytest.mark.parametrize(
+    ("kilometres", "is_told"), [(0.0, False), (16.0, False), (17.0, True), (500.0, True)]
+)
+def test_a_mesh_that_loses_more_than_a_millimetre_is_told_of(tmp_path, caplog, kilometres, is_told):
+    entry = mapped()
+    assert entry.vertices is not None
+    far = replace(entry, vertices=entry.vertices + [0.0, -1000 * kilometres, 0.0])
+    assert far.vertices is not None
+    ObjectMap("s", (far,), UP).save(tmp_path)
+    assert ("chair 1" in caplog.text and "move the origin" in caplog.text) == is_told
+    (found,) = ObjectMap.load(tmp_path).objects
+    assert found.vertices is not None
+    lost = np.abs(found.vertices - far.vertices).max()
+    assert is_told or lost < 1e-3
