@@ -1,6 +1,7 @@
 """The command `objgraph`: one verb, whose libraries alone are loaded."""
 
 import inspect
+import io
 import re
 import sys
 from collections.abc import Callable
@@ -215,6 +216,9 @@ def main(arguments: list[str] | None = None) -> int:
     Raises:
         SystemExit: help or the version was asked for (0), or the words are none of the command's (2).
     """
+    if isinstance(sys.stdout, io.TextIOWrapper) and sys.stdout.errors == "strict":
+        # of a letter that the terminal's encoding lacks the code is printed, as on stderr
+        sys.stdout.reconfigure(errors="backslashreplace")
     verb, *rest = (sys.argv[1:] if arguments is None else arguments) or [""]
     loudness = {"-q": -1, "--quiet": -1, "-v": 1, "--verbose": 1}.get(verb, 0)
     if loudness:
@@ -276,7 +280,6 @@ def _run(verb: str, arguments: list[str], loudness: int) -> int:
 def _parsed(kind: type[Command], verb: str, arguments: list[str]) -> Command:
     """The verb's words; `--help` shows what is usually turned, `--help-all` the groups of settings too."""
     import contextlib
-    import io
 
     import tyro
 

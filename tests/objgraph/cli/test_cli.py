@@ -1,6 +1,7 @@
 """The command line: what the user can mend is one line and the status 1, never a traceback."""
 
 import json
+import os
 import re
 import subprocess
 import sys
@@ -216,6 +217,22 @@ def test_a_path_is_no_markup(tmp_path, capsys):
     ObjectMap("room", (MappedObject(1, "chair", "failed", "unseen"),), np.array([0.0, 0.0, 1.0])).save(folder)
     assert main(["report", str(folder)]) == 0
     assert str(folder) in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("encoding", ["ascii", "latin-1", "koi8-r", "utf-8"])
+def test_a_letter_that_the_terminal_lacks_is_no_error(encoding, tmp_path):
+    """Of a map's table, of a name, of a path: the work before it would be lost."""
+    code = (
+        "import sys\n"
+        "from objgraph.cli.main import VERBS, main\n"
+        "VERBS['map'] = lambda _, console: console.print('1.20±0.01 椅子 Stühle \\udcff')\n"
+        "sys.exit(main(['map']))\n"
+    )
+    said = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, env=os.environ | {"PYTHONIOENCODING": encoding}
+    )
+    assert (said.returncode, said.stderr) == (0, b"")
+    assert said.stdout == "1.20±0.01 椅子 Stühle \udcff\n".encode(encoding, "backslashreplace")
 
 
 @pytest.mark.parametrize(
