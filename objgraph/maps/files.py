@@ -1,14 +1,17 @@
 """A map's folder: one JSON document beside each object's mesh (GLB) and joint covariance (safetensors), committed at once.
 
 These files have their content's hash in their names, so a new one never overwrites one that the old document
-names; the document is replaced last. A crash at any moment leaves the old map or the new one, whole.
+names; the document is replaced last. A crash at any moment leaves the old map or the new one, whole. One process at a time
+writes into a folder.
 """
 
+import fcntl
 import hashlib
 import json
 import os
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -135,15 +138,29 @@ def commit(folder: Path, document: Mapping[str, Any], files: Mapping[str, bytes]
     except (TypeError, ValueError) as error:
         raise MapError(f"{folder / DOCUMENT}: the map cannot be written as JSON ({error})") from error
     try:
-        for name, data in files.items():
-            write_file(folder / name, data, MapError)
-        (folder / EVALUATION).unlink(missing_ok=True)
-        write_file(folder / DOCUMENT, text.encode(), MapError)
-        for path in folder.iterdir():
-            if _OBJECT.fullmatch(path.name) and path.name not in files:
-                path.unlink(missing_ok=True)
+        with _alone_in(folder):
+            for name, data in files.items():
+                write_file(folder / name, data, MapError)
+            (folder / EVALUATION).unlink(missing_ok=True)
+            write_file(folder / DOCUMENT, text.encode(), MapError)
+            for path in folder.iterdir():
+                if _OBJECT.fullmatch(path.name) and path.name not in files:
+                    path.unlink(missing_ok=True)
     except OSError as error:
         raise MapError(f"{folder}: the map cannot be written here ({error})") from error
+
+
+@contextmanager
+def _alone_in(folder: Path) -> Iterator[None]:
+    """Keep out who else saves a map here: each would remove the files that the other has just written."""
+    folder.mkdir(parents=True, exist_ok=True)
+    handle = os.open(folder, os.O_RDONLY)
+    try:
+        with suppress(OSError):  # not every file system has locks
+            fcntl.flock(handle, fcntl.LOCK_EX)
+        yield
+    finally:
+        os.close(handle)
 
 
 def is_plain_name(name: Any, end: str) -> bool:

@@ -2,6 +2,7 @@
 
 import json
 import os
+from threading import Thread, current_thread
 
 import numpy as np
 import pytest
@@ -181,6 +182,26 @@ def test_a_crash_while_saving_leaves_the_old_map_whole(tmp_path, monkeypatch, cr
     assert back.scene == "old"
     assert_same(old, back.objects[0])
     assert not [name for name in os.listdir(tmp_path) if name.startswith(".")]
+
+
+def test_of_two_that_save_at_once_the_last_one_s_map_is_whole(tmp_path, monkeypatch):
+    """Each removes files that its own document does not name: those of the other, before it has one."""
+    first, second = (ObjectMap(name, (mapped(1, seed),), UP) for seed, name in enumerate(("a", "b")))
+    write, meanwhile = map_files.write_file, Thread(target=first.save, args=(tmp_path,))
+
+    def interrupted(path, data, error):
+        if path.name == "map.json" and current_thread() is not meanwhile:
+            meanwhile.start()
+            meanwhile.join(1.0)
+        write(path, data, error)
+
+    monkeypatch.setattr(map_files, "write_file", interrupted)
+    second.save(tmp_path)
+    meanwhile.join()
+    back = ObjectMap.load(tmp_path)
+    assert back.scene == "a"
+    assert_same(first.objects[0], back.objects[0])
+    assert len(list(tmp_path.glob("*.glb"))) == 1
 
 
 def broken(folder, change):
