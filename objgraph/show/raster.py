@@ -55,12 +55,18 @@ class Surface:
     """RGB in 0..1."""
 
     @cached_property
+    def origin(self) -> Float[np.ndarray, "3"]:
+        """Where `scene` begins, whole hundreds of metres in the world: rays are single precision's, which has steps of
+        centimetres in maps of surveyed coordinates."""
+        return np.round(self.vertices[:1].sum(axis=0), -2)
+
+    @cached_property
     def scene(self) -> "o3d.t.geometry.RaycastingScene":
-        """What rays are cast at."""
+        """What rays are cast at, from `origin` on."""
         import open3d as o3d  # slow to import, and of no use before there is something to draw
 
         scene = o3d.t.geometry.RaycastingScene(nthreads=1)
-        scene.add_triangles(self.vertices.astype(np.float32), self.faces.astype(np.uint32))
+        scene.add_triangles((self.vertices - self.origin).astype(np.float32), self.faces.astype(np.uint32))
         return scene
 
     @cached_property
@@ -100,7 +106,7 @@ def draw_surfaces(camera: Camera, surfaces: Sequence[Surface]) -> Layer:
         return Layer(color, depth)
     surface = joined(surfaces)
     directions = _directions(camera)
-    eye = np.broadcast_to(camera.T_world_camera[:3, 3], directions.shape)
+    eye = np.broadcast_to(camera.T_world_camera[:3, 3] - surface.origin, directions.shape)
     hits = surface.scene.cast_rays(np.concatenate([eye, directions], -1).astype(np.float32))
     hit = hits["t_hit"].numpy()  # directions have z = 1 in the camera frame, so this is z-depth
     seen = np.isfinite(hit)

@@ -50,6 +50,21 @@ def test_a_ball_covers_its_silhouette_and_has_its_depth():
     assert lit[:60].sum() > lit[60:].sum()  # the lamp hangs above
 
 
+@pytest.mark.parametrize("place", [(1e4, -1e4, 0.0), (6e5, 2e5, 400.0), (-9e5, 9e5, 0.0)])
+def test_a_picture_is_the_same_wherever_the_world_begins(place):
+    """In maps of surveyed coordinates too, where single precision has steps of centimetres."""
+    here, there = camera(), camera()
+    there.T_world_camera[:3, 3] += place
+    drawn = raster.draw_surfaces(here, [ball(), ball(0.2, (0.5, -0.6, 0.3), GREEN)])
+    moved = raster.draw_surfaces(
+        there, [ball(center=place), ball(0.2, np.add(place, (0.5, -0.6, 0.3)), GREEN)]
+    )
+    both = np.isfinite(drawn.depth) & np.isfinite(moved.depth)
+    assert (np.isfinite(drawn.depth) ^ np.isfinite(moved.depth)).sum() < 0.005 * both.sum()
+    assert np.quantile(np.abs(moved.depth[both] - drawn.depth[both]), 0.99) < 1e-4
+    assert np.quantile(np.abs(moved.color - drawn.color)[both], 0.99) < 0.01
+
+
 def test_the_nearer_ball_hides_the_farther():
     layer = raster.draw_surfaces(camera(), [ball(), ball(0.2, (0, -1, 0), GREEN)])
     assert layer.color[60, 80, 1] > 0.4
