@@ -225,7 +225,7 @@ class IncrementalSystem:
             self.replace(observations, linearize_frozen(observations, values), values)
             self.smoother.settle()
         except ObjectGraphError:
-            self._take_back(observations, before)
+            self.take_back(observations, before)
             raise
 
     def commit(
@@ -309,7 +309,7 @@ class IncrementalSystem:
         at = settled(problem, priors, observations, entry)
         return priors, observations, linearize_frozen(observations, at), at
 
-    def _take_back(
+    def take_back(
         self,
         observations: Sequence[Observation],
         before: Sequence[tuple[gtsam.LinearContainerFactor | None, gtsam.Values]],

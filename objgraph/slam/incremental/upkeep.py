@@ -8,7 +8,7 @@ import numpy as np
 
 from factors.linearized import carried_along
 from factors.state import ObjectKeys, ObjectState
-from objgraph.errors import SolveError
+from objgraph.errors import ObjectGraphError, SolveError
 from objgraph.slam.incremental.alone import Alone, is_turned
 from objgraph.slam.incremental.config import Tolerance
 from objgraph.slam.incremental.system import IncrementalSystem
@@ -27,7 +27,8 @@ class Upkeep:
     def renew(self, entries: Sequence[TrackedObject], tolerance: Tolerance, limit: int | None = None) -> int:
         """Linearise anew the observations that are farthest from where they were linearised; how many they were.
 
-        Those that only went along with a loop that was closed are carried along, without decoding.
+        Those that only went along with a loop that was closed are carried along, without decoding. Raises ObjectGraphError, and
+        has then linearised none anew.
         """
         stale: list[tuple[float, TrackedObject, Observation]] = []
         travelled: list[tuple[Observation, gtsam.Values]] = []
@@ -47,7 +48,7 @@ class Upkeep:
         observations = [observation for *_, observation in stale]
         owners = {entry.name: entry for _, entry, _ in stale}
         values = self._system.estimates(list(owners.values()), cameras_of(observations))
-        self._system.replace(observations, linearize(observations, values, self._system.slope), values)
+        self._linearize_anew(observations, values)
         return len(stale)
 
     def resolve(self, entry: TrackedObject, other_keys: Callable[[], ObjectKeys]) -> bool:
@@ -75,12 +76,19 @@ class Upkeep:
         else:
             values = self._system.estimates([], cameras_of(entry.observations))
             found.state.insert(values, entry.keys)
-            self._system.replace(
-                entry.observations, linearize(entry.observations, values, self._system.slope), values
-            )
+            self._linearize_anew(entry.observations, values)
         if may_turn:
             entry.other_headings = found.turns
         return turns
+
+    def _linearize_anew(self, observations: Sequence[Observation], values: gtsam.Values) -> None:
+        before = [(observation.quadratic, observation.point) for observation in observations]
+        try:
+            quadratics = linearize(observations, values, self._system.slope)
+            self._system.replace(observations, quadratics, values)
+        except ObjectGraphError:
+            self._system.take_back(observations, before)
+            raise
 
     def _turn(self, entry: TrackedObject, keys: ObjectKeys, state: ObjectState) -> None:
         """The object anew, under other keys; raises SolveError, and has then changed nothing."""

@@ -1,12 +1,15 @@
 """When an object is solved again as a whole: ever more rarely, whatever the map has forgotten of its views."""
 
 from contextlib import suppress
+from functools import partial
+from types import SimpleNamespace
 
 import pytest
 from gtsam.symbol_shorthand import X
 
 from factors.state import ObjectKeys
 from objgraph.errors import SolveError
+from objgraph.slam.incremental import system as module
 from objgraph.slam.incremental.alone import Alone
 from objgraph.slam.incremental.config import Tolerance
 from objgraph.slam.incremental.system import IncrementalSystem
@@ -61,3 +64,29 @@ def test_an_object_that_took_in_a_double_counts_its_views_too(system):
     system.adopt(keep, drop.placed_views, instead_of=drop)
     assert look(system, 6, [keep]) == ["chair 0"]
     assert look(system, 7, [keep]) == []
+
+
+@pytest.mark.parametrize("system", [None], indirect=True)
+@pytest.mark.parametrize("whole", [False, True])
+def test_what_cannot_be_linearised_anew_is_frozen_as_it_was(system, whole, monkeypatch):
+    """Its samples would be of where the object is by now, and its quadratic of where it was."""
+    for k in range(2):
+        look(system, k, [])
+    entry = enter(system, 0, [X(0), X(1)])
+    look(system, 2, [entry])
+    points, frozen = [observation.point for observation in entry.observations], []
+
+    def fail(*_, **__):
+        raise SolveError("not now")
+
+    monkeypatch.setattr(module, "freeze", lambda _, values, slope: frozen.append(values))
+    monkeypatch.setattr(system, "commit", fail)
+    monkeypatch.setattr(TrackedObject, "departure", lambda *_: 2.0)
+    found = SimpleNamespace(state=system.state(entry), turns=None)
+    monkeypatch.setattr(Alone, "again_in_all_headings", lambda *_: found)
+    upkeep = Upkeep(system)
+    again = partial(upkeep.resolve, entry, lambda: ObjectKeys.numbered(99))
+    with pytest.raises(SolveError, match="not now"):
+        (again if whole else partial(upkeep.renew, [entry], Tolerance()))()
+    assert len(frozen) == len(points)
+    assert all(point in frozen for point in points)
