@@ -1,6 +1,7 @@
 """A mapped scan as a picture: from above with boxes and ellipses of uncertainty, and the outlines in the camera's image."""
 
 from pathlib import Path
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -67,12 +68,12 @@ def outlined(object_map: ObjectMap, picture: Picture) -> UInt8[np.ndarray, "h w 
 
 def _from_above(axis: Axes, object_map: ObjectMap, frame: LidarFrame) -> None:
     """Ahead is to the right, so that a street fits the page."""
-    level = _level(frame)
-    axis.plot(*(frame.p_world @ level).T, ",", color="0.6", zorder=0)
+    plan = _Plan.of(frame)
+    axis.plot(*plan.at(frame.p_world).T, ",", color="0.6", zorder=0)
     for each in frame.detections:
-        axis.add_patch(_outline(each.box, level, edgecolor="0.35", linestyle="--", zorder=2))
+        axis.add_patch(_outline(each.box, plan, edgecolor="0.35", linestyle="--", zorder=2))
     for i, entry in enumerate(object_map.mapped):
-        _object_from_above(axis, entry, level, COLORS[i % len(COLORS)])
+        _object_from_above(axis, entry, plan, COLORS[i % len(COLORS)])
     axis.set_aspect("equal")
     axis.set_xlabel("ahead of the LiDAR (m)")
     axis.set_ylabel("to its left (m)")
@@ -92,35 +93,47 @@ def _from_above(axis: Axes, object_map: ObjectMap, frame: LidarFrame) -> None:
     axis.legend(handles=handles, loc="upper left", fontsize=8)
 
 
-def _level(frame: LidarFrame) -> Float[np.ndarray, "3 2"]:
+class _Plan(NamedTuple):
+    """What is seen from above, metres ahead of the LiDAR and to its left."""
+
+    origin: Float[np.ndarray, "3"]
+    """The LiDAR's place in the world."""
+    level: Float[np.ndarray, "3 2"]
     """Ahead and left in the world."""
-    return np.stack([frame.T_world_lidar[:3, 2], -frame.T_world_lidar[:3, 0]], axis=1)
+
+    @staticmethod
+    def of(frame: LidarFrame) -> "_Plan":
+        T = frame.T_world_lidar
+        return _Plan(T[:3, 3], np.stack([T[:3, 2], -T[:3, 0]], axis=1))
+
+    def at(self, p_world: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 2"]:
+        return (p_world - self.origin) @ self.level
 
 
 def _reach(frame: LidarFrame) -> tuple[Float[np.ndarray, "2"], Float[np.ndarray, "2"]]:
     """Lower and upper corner of what is shown from above."""
     if not frame.detections:
         return np.array([0.0, -15.0]), np.array([40.0, 15.0])
-    places = np.stack([each.T_world_object[:3, 3] for each in frame.detections]) @ _level(frame)
+    places = _Plan.of(frame).at(np.stack([each.T_world_object[:3, 3] for each in frame.detections]))
     return places.min(axis=0) - _AROUND, places.max(axis=0) + _AROUND
 
 
-def _object_from_above(axis: Axes, entry: MappedObject, level: Float[np.ndarray, "3 2"], color: str) -> None:
-    footprint = _surface(entry).vertices @ level
+def _object_from_above(axis: Axes, entry: MappedObject, plan: _Plan, color: str) -> None:
+    footprint = plan.at(_surface(entry).vertices)
     hull = footprint[ConvexHull(footprint).vertices]
     axis.add_patch(Polygon(hull, facecolor=color, alpha=0.25, zorder=1))
     if (box := box_of(entry)) is not None:
-        axis.add_patch(_outline(box, level, edgecolor=color, zorder=3))
+        axis.add_patch(_outline(box, plan, edgecolor=color, zorder=3))
     place = place_of(entry)
     assert place is not None  # it is mapped
+    u, v = plan.at(place.centre)
     if place.covariance is not None:
         known = summary.position_covariance(place.T_world_object, place.covariance)
-        values, vectors = np.linalg.eigh(level.T @ known @ level)
+        values, vectors = np.linalg.eigh(plan.level.T @ known @ plan.level)
         turn = np.linspace(0, 2 * np.pi, 60)
         radii = _MAGNIFIED * np.sqrt(chi2.ppf(LEVEL, 2) * values.clip(min=0.0))
         ellipse = (np.column_stack([np.cos(turn), np.sin(turn)]) * radii) @ vectors.T
-        axis.plot(*(place.centre @ level + ellipse).T, color=color, lw=2.5, zorder=5)
-    u, v = place.centre @ level
+        axis.plot(*(ellipse + (u, v)).T, color=color, lw=2.5, zorder=5)
     axis.annotate(
         entry.name,
         (u, v),
@@ -136,11 +149,11 @@ def _surface(entry: MappedObject) -> Surface:
     return Surface(entry.vertices, entry.faces, np.ones((len(entry.vertices), 3)))
 
 
-def _outline(box: OrientedBox, level: Float[np.ndarray, "3 2"], **style) -> Polygon:
+def _outline(box: OrientedBox, plan: _Plan, **style) -> Polygon:
     across = np.zeros((4, 3))
     across[:, [0, 2]] = _FOOTPRINT * box.extents[[0, 2]]
     corners = box.centre + across @ box.rotation.T
-    return Polygon(corners @ level, fill=False, **style)
+    return Polygon(plan.at(corners), fill=False, **style)
 
 
 def _rgb(i: int) -> tuple[int, ...]:
