@@ -26,6 +26,11 @@ _PROJECTIONS = 6
 _ON_SURFACE = 0.01
 """Canonical units from the surface within which such a point has arrived."""
 
+_ROUNDING = 1e-12
+"""Of two variances, what a difference that does not vary comes out as."""
+_SAME_PLACE = 1e-9
+"""Metres."""
+
 JointPoses = Callable[[int, int], Float[np.ndarray, "12 12"]]
 
 
@@ -89,7 +94,7 @@ def _squared_distance(
     joint: JointPoses | None,
     config: AssociationConfig,
 ) -> float:
-    """Squared Mahalanobis distance of the centres."""
+    """Squared Mahalanobis distance of the centres; infinite where they differ along what both covariances hold."""
     poses = [objects[i].state.T_world_object for i in (a, b)]
     if joint is None:
         both = np.zeros((2 * POSE_DOF, 2 * POSE_DOF))
@@ -105,8 +110,12 @@ def _squared_distance(
     J[:, 3:6] = poses[0].rotation().matrix()
     J[:, 9:12] = -poses[1].rotation().matrix()
     covariance = J @ both @ J.T + 2 * config.unmodelled**2 * np.eye(3)
-    between = poses[0].translation() - poses[1].translation()
-    return float(between @ np.linalg.solve(covariance, between))
+    values, axes = np.linalg.eigh(covariance)
+    along = axes.T @ (poses[0].translation() - poses[1].translation())
+    held = values <= _ROUNDING * (np.trace(both[3:6, 3:6]) + np.trace(both[9:12, 9:12]))
+    if (np.abs(along[held]) > _SAME_PLACE).any():
+        return np.inf
+    return float((along[~held] ** 2 / values[~held]).sum())
 
 
 def _overlapping(

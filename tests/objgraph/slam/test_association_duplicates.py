@@ -69,3 +69,26 @@ def test_one_surface_in_one_place_is_one_object_however_sure_both_are():
     (merge,) = duplicates(objects, config)
     assert merge.mahalanobis > 40
     assert duplicates([objects[0], mapped(shifted(state, 0.25, 0.0, 0.0), sigma=0.001)], config) == ()
+
+
+@settings(max_examples=20)
+@given(st.floats(0.001, 0.2), st.sampled_from([None, 0, 1, 2]), st.booleans(), st.floats(-0.05, 0.05))
+def test_centres_that_are_held_differ_by_as_much_as_what_is_not_held_allows(sigma, free, same, apart):
+    """By a hard constraint, or as the difference of two poses that owe all of their errors to one camera."""
+    state = toy_state()
+    shift = np.zeros(3) if free is None else apart * np.eye(3)[free]
+    variances = np.zeros(6) if free is None else np.repeat([0.0, sigma**2], 3) * np.tile(np.eye(3)[free], 2)
+    R = np.kron(np.eye(2), state.T_world_object.rotation().matrix().T)  # along the world's axes
+    block = R @ np.diag(variances) @ R.T
+    joint = (
+        np.kron(np.eye(2), block)
+        if same
+        else np.kron([[1, 1], [1, 1]], 0.3 * np.eye(6)) + np.kron(np.eye(2), block)
+    )
+    two = [mapped(state, "a"), mapped(shifted(state, *shift), "b")]
+    (merge,) = duplicates(two, AssociationConfig(unmodelled=0.0), joint=lambda a, b: joint)
+    expected = 0.0 if free is None else abs(apart) / (np.sqrt(2) * sigma)
+    assert merge.mahalanobis == pytest.approx(expected, rel=1e-6, abs=1e-6)
+    off = [two[0], mapped(shifted(state, *(shift + 0.01 * np.roll(np.eye(3)[free or 0], 1))), "b")]
+    (merge,) = duplicates(off, AssociationConfig(unmodelled=0.0), joint=lambda a, b: joint)
+    assert merge.mahalanobis == np.inf
