@@ -265,10 +265,11 @@ def _run(verb: str, arguments: list[str], loudness: int) -> int:
     except ObjectGraphError as error:
         errors.print(f"[bold red]error:[/] {escape(str(error))}", highlight=False, soft_wrap=True)
         return 1
-    except OSError as error:  # any word that is a path
-        if error.errno != errno.ENAMETOOLONG:
+    except OSError as error:  # any word that is a path: too long, of a folder that is another's, on a disk that is read-only
+        if error.filename is None:
             raise
-        errors.print(f"error: {escape(str(error))}: give a shorter path", highlight=False, soft_wrap=True)
+        cure = ": give a shorter path" if error.errno == errno.ENAMETOOLONG else ""
+        errors.print(f"error: {escape(str(error))}{cure}", highlight=False, soft_wrap=True)
         return 1
     except KeyboardInterrupt:
         goes_on = verb in _GOES_ON or any(word.startswith("--scenes") for word in arguments)

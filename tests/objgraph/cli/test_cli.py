@@ -1,5 +1,6 @@
 """The command line: what the user can mend is one line and the status 1, never a traceback."""
 
+import errno
 import json
 import os
 import re
@@ -217,6 +218,29 @@ def test_a_path_is_no_markup(tmp_path, capsys):
     ObjectMap("room", (MappedObject(1, "chair", "failed", "unseen"),), np.array([0.0, 0.0, 1.0])).save(folder)
     assert main(["report", str(folder)]) == 0
     assert str(folder) in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("number", [errno.EACCES, errno.EROFS, errno.ENOSPC, errno.EIO, errno.ENAMETOOLONG])
+def test_a_path_that_the_system_refuses_is_one_line(number, monkeypatch, capsys):
+    """As where a folder is another user's: which verb asks about it first is no matter."""
+
+    def refused(arguments, console):
+        raise OSError(number, os.strerror(number), "/data/[b] of another")
+
+    monkeypatch.setitem(VERBS, "segment", refused)
+    assert main(["segment"]) == 1
+    printed = capsys.readouterr().err
+    assert printed.startswith(f"error: [Errno {number}] {os.strerror(number)}: '/data/[b] of another'")
+    assert printed.count("\n") == 1
+
+
+def test_what_the_system_says_of_no_path_is_no_user_s_mistake(monkeypatch):
+    def failed(arguments, console):
+        raise OSError(errno.EBADF, os.strerror(errno.EBADF))
+
+    monkeypatch.setitem(VERBS, "map", failed)
+    with pytest.raises(OSError, match="Bad file descriptor"):
+        main(["map"])
 
 
 @pytest.mark.parametrize("encoding", ["ascii", "latin-1", "koi8-r", "utf-8"])
