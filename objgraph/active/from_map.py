@@ -15,7 +15,7 @@ from objgraph.priors.shape_prior import ShapePrior
 def targets_from_map(
     object_map: ObjectMap, ids: Collection[int] = (), priors: Sequence[ShapePrior] = (), points: int = 600
 ) -> list[Target]:
-    """The mapped objects, or those of some ids, each decoded by the prior that it was mapped with.
+    """The mapped objects, or those of some ids, each once and decoded by the prior that it was mapped with.
 
     Raises:
         ActiveVisionError: no object is mapped, or one that is asked for is not.
@@ -26,7 +26,7 @@ def targets_from_map(
     if missing or not mapped:
         what = f"objects {missing} are not" if missing else "no object is"
         raise ActiveVisionError(f"map of {object_map.scene}: {what} mapped; mapped are {sorted(mapped)}")
-    chosen = [mapped[i] for i in ids] if ids else [*mapped.values()]
+    chosen = [mapped[i] for i in dict.fromkeys(ids)] if ids else [*mapped.values()]
     by_category = {entry.category: prior_for(entry.category, priors) for entry in chosen}
     found = []
     for entry in chosen:

@@ -326,6 +326,11 @@ def test_a_maps_objects_are_known_by_their_own_prior(chair):
         targets_from_map(toy_map(joint_covariance=None), priors=[toy_prior()])
 
 
+def test_an_object_that_is_named_twice_is_asked_about_once():
+    (found,) = targets_from_map(toy_map(), [1, 1], [toy_prior()])
+    assert found.name == "chair 1"
+
+
 def test_the_command_lists_the_best_views_and_writes_them(tmp_path, monkeypatch):
     toy_map().save(tmp_path / "map")
     monkeypatch.setattr("objgraph.cli.next_view.load_prior_file", lambda _: toy_prior())
