@@ -3,6 +3,8 @@
 import base64
 import json
 import re
+import shutil
+import subprocess
 from dataclasses import replace
 from pathlib import Path
 
@@ -226,6 +228,25 @@ def test_the_command_needs_a_map_and_tells_what_the_page_lacks(saved, tmp_path, 
     assert contents(folder / REPORT)["points"] is None
     assert main(["report", str(tmp_path / "nowhere")]) == 1
     assert "there is no map here" in capsys.readouterr().err
+
+
+@pytest.mark.skipif(shutil.which("node") is None, reason="no node to run the page's script")
+@pytest.mark.parametrize("side", [2.0, 200.0, 1000.0, 50_000.0])
+def test_a_page_opens_on_the_whole_map_however_large_it_is(side, tmp_path):
+    """A camera that sees half a kilometre far showed nothing of a street's map."""
+    entries = []
+    for i in range(9):
+        entry, place = mapped(i, i), side / 2 * np.array([i % 3, i // 3, 0.0])
+        assert entry.T_world_object is not None
+        T = entry.T_world_object.copy()
+        T[:3, 3] = place
+        entries.append(replace(entry, T_world_object=T, box_centre=place))
+    ObjectMap("a street", tuple(entries), UP).save(tmp_path)
+    script = Path(__file__).with_name("opened_page.js")
+    said = subprocess.run(
+        ["node", script, write_report(tmp_path)], capture_output=True, text=True, check=True
+    ).stdout
+    assert json.loads(said.splitlines()[-1]) == [9, 9]
 
 
 def test_a_click_on_an_object_shows_its_row(saved):

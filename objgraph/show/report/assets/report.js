@@ -149,6 +149,9 @@ function startMap() {
     if (object.ellipsoid) addEllipsoid(object);
     if (object.mesh) addMesh(object);
   }
+  // a street is larger than a room, and a chair in it is looked at from as near
+  camera.far = Math.max(camera.far, 4 * whole.getSize(new THREE.Vector3()).length());
+  camera.near = Math.min(camera.far / 25000, 0.2);
   const form = document.getElementById("shown");
   const apply = () => {
     for (const name in layers) layers[name].visible = form.elements[name].checked;
