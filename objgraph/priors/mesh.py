@@ -90,9 +90,10 @@ def mesh_of_grid(
     Raises:
         SolveError: a value is not finite, or the surface does not pass through the grid.
     """
-    low, high = float(np.min(grid)), float(np.max(grid))
-    if not (np.isfinite(low) and np.isfinite(high)):
+    if not np.isfinite(grid).all():
         raise SolveError("the decoder's SDF is not finite on the grid: the shape code has diverged")
+    # what is inside at the border alone is cut off whole
+    low, high = float(np.min(grid[1:-1, 1:-1, 1:-1])), float(np.max(grid))
     if low >= 0 or high <= 0:
         meaning = "everything is outside" if low >= 0 else "everything is inside"
         raise SolveError(

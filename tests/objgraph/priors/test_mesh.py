@@ -94,6 +94,12 @@ def test_without_a_sign_change_the_error_names_the_range_and_what_it_means(radiu
         extract_mesh(Spheres(), np.array([0, 0, 0, radius]), resolution=32)
 
 
+def test_what_reaches_only_the_grids_border_is_no_surface():
+    """Of a ball of radius 0.105 about (0.65, 0, 0) only nodes of the grid's outermost layer are inside."""
+    with pytest.raises(SolveError, match=r"no surface: .*everything is outside"):
+        extract_mesh(Spheres(), np.array([0.65, 0, 0, 0.105]))
+
+
 def test_a_diverged_code_is_named():
     with pytest.raises(SolveError, match="not finite"):
         extract_mesh(Spheres(), np.array([0, 0, np.nan, 0.3]), resolution=16)
