@@ -43,7 +43,7 @@ def extract_mesh(
     whose centre is farther from the surface than `slope` allows over its half diagonal is not looked into;
     `slope` bounds the decoder's gradient. Where a sign change shows the bound to be wrong, the surface is
     followed cell by cell. What would leave the grid is cut off at its border. With `remove_floaters`,
-    connected parts below `floater_share` of the whole area are left out.
+    connected parts below `floater_share` of the whole area are left out, but for the largest.
 
     Raises:
         SolveError: the code is not one of this decoder's, or the surface does not pass through the grid.
@@ -205,7 +205,8 @@ def _marching_cubes(grid: Float[np.ndarray, "g g g"], bound: float) -> trimesh.T
 def _without_floaters(mesh: trimesh.Trimesh, share: float) -> trimesh.Trimesh:
     labels = trimesh.graph.connected_component_labels(mesh.face_adjacency, node_count=len(mesh.faces))
     area = np.bincount(labels, weights=mesh.area_faces)
-    keep = area[labels] >= share * area.sum()
+    # of many small parts the largest stays
+    keep = area[labels] >= min(share * area.sum(), area.max())
     if keep.all():
         return mesh
     kept = mesh.copy()

@@ -81,6 +81,16 @@ def test_floaters_go_and_large_parts_stay():
     assert kept.is_watertight
 
 
+def test_of_a_shape_in_many_small_parts_the_largest_stays():
+    """None of 64 balls has a fiftieth of the surface."""
+    grid = np.linspace(-0.4, 0.4, 4)
+    balls = [[x, y, z, 0.06] for x in grid for y in grid for z in grid]
+    balls[20][3] = 0.065
+    kept = extract_mesh(Spheres(64), np.ravel(balls), resolution=64)
+    assert kept.body_count == 1
+    np.testing.assert_allclose(kept.bounds.mean(axis=0), balls[20][:3], atol=1e-3)
+
+
 def test_what_leaves_the_grid_is_cut_off_and_closed(caplog):
     mesh = extract_mesh(Spheres(), np.array([0.5, 0, 0, 0.3]), resolution=32)
     assert mesh.is_watertight
