@@ -19,6 +19,7 @@ from objgraph.covariance.box import BoxPose
 from objgraph.covariance.box_modes import HEADING_AXIS
 from objgraph.covariance.sides import SideMisfit
 from objgraph.errors import CovarianceError
+from objgraph.priors.categories import category_of
 from objgraph.trust.evidence import NAMES, Evidence
 from objgraph.trust.verdict import Trust
 
@@ -137,9 +138,13 @@ class Calibration:
     """From which runs, seeds and program, and what it gives on objects that were held out."""
 
     def of(self, category: str, prior: str) -> CategoryCalibration | None:
-        """What it knows of a category's objects, estimated with a prior of this digest; None where that is nothing."""
-        known = self.categories.get(category)
-        return None if known is None or known.prior != prior else known
+        """What it knows of a category's objects, estimated with a prior of this digest; None where that is nothing.
+
+        A prior serves its category however either is spelt, and the labels that mean it: so does what is known of these.
+        """
+        names = [category, *(name for name in self.categories if _meant(name) == _meant(category))]
+        known = (self.categories[name] for name in names if name in self.categories)
+        return next((each for each in known if each.prior == prior), None)
 
     def beside(self, earlier: "Calibration") -> "Calibration":
         """This one, and of the earlier one the categories that this one lacks; `made["kept"]` says how each of these was made."""
@@ -227,6 +232,10 @@ def _line(document: Any) -> Line:
 def _named(what: str, given: Mapping[str, Any], names: tuple[str, ...]) -> None:
     if set(given) != set(names):
         raise ValueError(f"{what} are of {', '.join(given)}, not of {', '.join(names)}")
+
+
+def _meant(category: str) -> str:
+    return category_of(category).replace("_", " ")
 
 
 def _probability(log_odds: float) -> float:

@@ -11,8 +11,9 @@ from hypothesis import strategies as st
 from objgraph.covariance.box import BOX_AXES, BoxPose
 from objgraph.covariance.labelled import LabelledCovariance
 from objgraph.errors import CovarianceError
-from objgraph.priors.registry import load_prior
-from objgraph.trust.calibration import load_calibration, shipped_calibration
+from objgraph.priors.fallback import fallback_prior
+from objgraph.priors.registry import load_prior, prior_for
+from objgraph.trust.calibration import Calibration, load_calibration, shipped_calibration
 from objgraph.trust.verdict import Trust
 from tests.objgraph.trust.calibrations import EVIDENCE, SIDES, calibration
 from tests.toys import toy_state
@@ -41,6 +42,23 @@ def test_what_speaks_against_it_is_said_the_worst_first():
 @pytest.mark.parametrize(("category", "prior"), [("chair", "other weights"), ("sofa", "weights")])
 def test_of_objects_that_it_does_not_know_it_says_nothing(category, prior):
     assert calibration().of(category, prior) is None
+
+
+@pytest.mark.parametrize(
+    ("label", "category"),
+    [("trash_bin", "Trash bin"), ("chair", "Chair"), ("office chair", "chair"), ("floor lamp", "Floor_Lamp")],
+)
+def test_what_it_knows_of_a_label_it_knows_of_the_prior_that_serves_it(label, category):
+    """Rows have the label of a data set, a prior the name that it was given; both may be known, of priors of their own."""
+    served = replace(fallback_prior(category), card={"sha256": "weights"})
+    assert prior_for(label, [served]) is served
+    known = Calibration({label: CHAIR}, {})
+    assert known.of(served.category, served.digest) is CHAIR
+    assert known.of(served.category, "other weights") is None
+    own = replace(CHAIR, prior="own")
+    both = Calibration({label: CHAIR, category: own}, {})
+    assert both.of(category, "own") is own
+    assert both.of(category, "weights") is CHAIR
 
 
 def test_a_box_is_widened_by_its_sides_and_by_what_its_evidence_lets_expect():
