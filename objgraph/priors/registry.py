@@ -45,8 +45,8 @@ def prior_for(category: str, given: Sequence[ShapePrior] = ()) -> ShapePrior:
     """The prior to map objects of a category with: one of those given, the shipped one, or the labelled fallback.
 
     Unlike `load_prior`, which answers a request by name, this survives every category; a category's first warning says
-    what the fallback lacks and how to do better. All who ask in a process share one prior, so that their objects are
-    decoded together: leave it as it is.
+    what the fallback lacks and how to do better, or that a given prior is of another label that means it, and not used.
+    All who ask in a process share one prior, so that their objects are decoded together: leave it as it is.
 
     Raises:
         PriorError: the category's own file is damaged.
@@ -55,6 +55,9 @@ def prior_for(category: str, given: Sequence[ShapePrior] = ()) -> ShapePrior:
         for prior in given:
             if _named(prior.category) == _named(wanted):
                 return prior
+    for prior in given:
+        if category_of(prior.category) == category_of(category):
+            _warn_of_other_name(_named(prior.category), _named(category))
     shipped = _shipped_file(category)
     if shipped is not None:
         return _shared(shipped)
@@ -84,6 +87,16 @@ def _stand_in(category: str) -> ShapePrior:
 @cache
 def _superquadric() -> ShapePrior:
     return fallback_prior(NAME)
+
+
+@cache
+def _warn_of_other_name(given: str, wanted: str) -> None:
+    log.warning(
+        "the prior given for '%s' serves no object that is called '%s': make it with --category '%s' if it should",
+        given,
+        wanted,
+        category_of(wanted),
+    )
 
 
 @cache
