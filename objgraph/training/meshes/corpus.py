@@ -135,7 +135,12 @@ def sample_meshes(
 
 
 def listed(folders: Sequence[Path], category: str) -> list[CadMesh]:
-    """What all folders list of a category; one that lists none of it is passed over, if another does."""
+    """What all folders list of a category; one that lists none of it is passed over, if another does.
+
+    Raises:
+        PriorError: none lists any, one cannot be read, or meshes of one name are of two groups: a card, which has names alone,
+            could not say which of them was held out.
+    """
     entries, missing = [], []
     for folder in folders:
         try:
@@ -144,6 +149,12 @@ def listed(folders: Sequence[Path], category: str) -> list[CadMesh]:
             missing.append(error)
     if not entries:
         raise missing[0]
+    of_name: dict[str, CadMesh] = {}
+    for entry in entries:
+        if (other := of_name.setdefault(entry.file, entry)).group != entry.group:
+            raise PriorError(
+                f"{other.path} and {entry.path} have one name and are of two groups: rename one, a prior's card tells meshes by it"
+            )
     return entries
 
 

@@ -1,6 +1,7 @@
 """What is trained on and what is held out: by source and group, from folders of meshes, and never both."""
 
 import json
+import shutil
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -71,6 +72,17 @@ def test_a_damaged_index_is_not_passed_over(meshes: Path, tmp_path: Path) -> Non
         listed([other, meshes], "car")
     (other / "index.json").write_text(index[:100])
     with pytest.raises(PriorError, match=f"{other}.* is no mesh index"):
+        listed([meshes, other], "table")
+
+
+def test_meshes_of_one_name_are_of_one_group(meshes: Path, tmp_path: Path) -> None:
+    """Else one of them may be trained on and the other held out, and a card with its name takes either for unseen."""
+    other = tmp_path / "other"
+    shutil.copytree(meshes, other)
+    assert len(listed([meshes, other], "table")) == 10
+    index = (other / "index.json").read_text()
+    (other / "index.json").write_text(index.replace('"group": "b"', '"group": "d"'))
+    with pytest.raises(PriorError, match=rf"{meshes / 't2.ply'} and {other / 't2.ply'} have one name"):
         listed([meshes, other], "table")
 
 
