@@ -30,3 +30,8 @@ def category_of(label: str) -> str:
     name = label.strip().lower()
     spaced = name.replace("_", " ")
     return name if name in LABELS else ALIASES.get(spaced, name)
+
+
+def plain(name: str) -> str:
+    """A category's name as it is compared with another, however it is spelt."""
+    return name.strip().lower().replace("_", " ")

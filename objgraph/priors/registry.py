@@ -7,7 +7,7 @@ from functools import cache
 from pathlib import Path
 
 from objgraph.errors import PriorError
-from objgraph.priors.categories import category_of
+from objgraph.priors.categories import category_of, plain
 from objgraph.priors.fallback import NAME, fallback_prior
 from objgraph.priors.shape_prior import ShapePrior
 from objgraph.priors.store import load_prior_file
@@ -53,20 +53,16 @@ def prior_for(category: str, given: Sequence[ShapePrior] = ()) -> ShapePrior:
     """
     for wanted in (category, category_of(category)):  # an armchair's own before a chair's
         for prior in given:
-            if _named(prior.category) == _named(wanted):
+            if plain(prior.category) == plain(wanted):
                 return prior
     for prior in given:
         if category_of(prior.category) == category_of(category):
-            _warn_of_other_name(_named(prior.category), _named(category))
+            _warn_of_other_name(plain(prior.category), plain(category))
     shipped = _shipped_file(category)
     if shipped is not None:
         return _shared(shipped)
-    _warn_of_fallback(_named(category))
+    _warn_of_fallback(plain(category))
     return _stand_in(category)
-
-
-def _named(category: str) -> str:
-    return category.strip().lower().replace("_", " ")
 
 
 def _shipped_file(category: str) -> Path | None:

@@ -19,7 +19,7 @@ from objgraph.covariance.box import BoxPose
 from objgraph.covariance.box_modes import HEADING_AXIS
 from objgraph.covariance.sides import SideMisfit
 from objgraph.errors import CovarianceError
-from objgraph.priors.categories import category_of
+from objgraph.priors.categories import category_of, plain
 from objgraph.trust.evidence import NAMES, Evidence
 from objgraph.trust.verdict import Trust
 
@@ -235,7 +235,7 @@ def _named(what: str, given: Mapping[str, Any], names: tuple[str, ...]) -> None:
 
 
 def _meant(category: str) -> str:
-    return category_of(category).replace("_", " ")
+    return plain(category_of(category))
 
 
 def _probability(log_odds: float) -> float:

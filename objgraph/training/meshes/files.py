@@ -8,6 +8,7 @@ import trimesh
 from factors import checks
 from objgraph.errors import PriorError
 from objgraph.geometry.mesh_data import parse_mesh
+from objgraph.priors.categories import plain
 
 
 class MeshError(PriorError):
@@ -23,15 +24,16 @@ SUFFIXES = (".ply", ".obj", ".stl", ".off", ".glb")
 
 
 def list_meshes(folder: Path, category: str) -> list[str]:
-    """Mesh files in a folder at any depth, relative to it; only those below a subfolder of the category, if any.
+    """Mesh files in a folder at any depth, relative to it; only those below a subfolder of the category, however it is spelt, if any.
 
     Raises:
         PriorError: a name is no Unicode: no card could hold it.
     """
-    own = folder / category
+    own = [each for each in folder.glob("*") if plain(each.name) == plain(category) and each.is_dir()]
     return sorted(
         checks.string("the mesh file", str(path.relative_to(folder)), PriorError)
-        for path in (own if own.is_dir() else folder).rglob("*")
+        for each in own or [folder]
+        for path in each.rglob("*")
         if path.suffix.lower() in SUFFIXES and path.is_file()
     )
 

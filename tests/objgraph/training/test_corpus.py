@@ -173,6 +173,15 @@ def test_any_folder_of_meshes_will_do(tmp_path: Path) -> None:
         assert np.abs(shape.points[np.abs(shape.sdf) < 1e-3]).max() < 0.51
 
 
+@pytest.mark.parametrize("name", ["trash_bin", "Trash Bin", "TRASH_BIN"])
+def test_a_subfolder_of_the_category_is_one_however_it_is_spelt(tmp_path: Path, name: str) -> None:
+    """Else all folders' meshes, of whatever category, would be trained on as if they were of this one."""
+    for folder in (name, "Chair"):
+        (tmp_path / folder).mkdir()
+        trimesh.creation.box().export(tmp_path / folder / "a.ply")
+    assert [entry.file for entry in listed([tmp_path], "trash_bin")] == [f"{name}/a.ply"]
+
+
 def test_processes_sample_the_same_shapes_from_several_folders(meshes: Path, tmp_path: Path) -> None:
     other = tmp_path / "other" / "table"
     other.mkdir(parents=True)
