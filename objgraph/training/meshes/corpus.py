@@ -270,7 +270,7 @@ def _collected(
 ) -> list[SdfSamples]:
     """A collected mesh and its warped copies, or if it is held out points on its surface; MeshError where it is no solid or flat."""
     mesh, seed = read_mesh(entry.path), corpus.seed
-    original = lru_cache(maxsize=1)(lambda: _solid(entry) if unseen else joined(_solid(entry)))
+    original = lru_cache(maxsize=1)(lambda: _solid(entry, mesh) if unseen else joined(_solid(entry, mesh)))
 
     def warped(copy: int, key: str) -> Solid:
         if copy == 0:
@@ -287,8 +287,15 @@ def _collected(
     return shapes
 
 
+def _solid(entry: CadMesh, mesh: trimesh.Trimesh) -> Solid:
+    """What an entry's mesh, as its file is now, stands for."""
+    return _solid_while(entry, hash(mesh))
+
+
 @cache
-def _solid(entry: CadMesh) -> Solid:
+def _solid_while(entry: CadMesh, content: int) -> Solid:
+    """Remembered as long as the file has this content: samples are kept by what is in it."""
+    del content
     return solidify(canonical(read_mesh(entry.path), entry.file), entry.file)
 
 
@@ -301,11 +308,13 @@ def _swapped(
     category: str, top: CadMesh, base: CadMesh, seed: int, i: int, samples: SampleConfig, cache: Path
 ) -> list[SdfSamples]:
     rng = np.random.default_rng([seed, i, 1])
+    upper, lower = read_mesh(top.path), read_mesh(base.path)
 
     def swapped() -> Solid:
-        return joined(swap(_solid(top), _solid(base), category, rng)).warped(random_warp(rng))
+        both = swap(_solid(top, upper), _solid(base, lower), category, rng)
+        return joined(both).warped(random_warp(rng))
 
-    key = cache_key([read_mesh(top.path), read_mesh(base.path)], samples, seed, i, SOLID_VERSION)
+    key = cache_key([upper, lower], samples, seed, i, SOLID_VERSION)
     return [_cached(f"swap/{top.file}+{base.file}#{i}", key, samples, cache, swapped, measured=False)]
 
 

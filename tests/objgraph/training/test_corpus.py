@@ -95,6 +95,18 @@ def test_a_cache_that_cannot_be_written_leaves_no_mesh_out(meshes: Path, tmp_pat
         build_corpus("table", [meshes], ONE, SampleConfig(count=100), tmp_path / "cache")
 
 
+def test_a_mesh_that_was_mended_meanwhile_is_sampled_as_it_is_now(meshes: Path, tmp_path: Path) -> None:
+    """In one process, as in a notebook; the cache kept samples of the former mesh under the name of the new one."""
+
+    def extents() -> np.ndarray:
+        corpus = build_corpus("table", [meshes], ONE, SampleConfig(count=100), tmp_path / "cache")
+        return next(shape.extents for shape in corpus.training if shape.name == "t0.ply#0")
+
+    for edges in np.array([(0.6, 0.3, 0.5), (0.3, 0.6, 0.5)]):
+        trimesh.creation.box(edges).export(meshes / "t0.ply")
+        np.testing.assert_allclose(extents(), edges / np.linalg.norm(edges), atol=1e-6)
+
+
 def test_only_what_is_no_solid_is_refused_for_ever(
     meshes: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
