@@ -30,6 +30,8 @@ bookshelves from 0.6 x 0.9 x 0.3 to 1.6 x 2.1 x 0.35; displays from 0.45 x 0.4 x
 
 LEAST_SIGMA = 0.05
 """Of the logarithm of a size: few meshes, or equal ones, do not make the next object's known."""
+_WIDE_SIGMA, _FEW = 0.5, 3
+"""The same where there are fewer meshes than that to say how sizes differ, and nothing else is known."""
 _PLAUSIBLE = {"chair": (0.4, 4.0), "table": (0.4, 4.0), "car": (3.0, 6.2)}
 """Diagonals beyond these are no metric size of the category, whatever their source says: a car is no longer than a van."""
 _PLAUSIBLE_ANYTHING = (0.05, 30.0)
@@ -48,8 +50,8 @@ def size_statistics(
 ) -> tuple[float, float, str]:
     """Geometric mean and log-deviation of the diagonal, and a sentence on where they come from.
 
-    `extents` are those of metric originals, metres, which are from `sources` (left out: each from its own). Without any, and
-    without usual sizes of the category, the size is left wide.
+    `extents` are those of metric originals, metres, which are from `sources` (left out: each from its own). Of fewer than three,
+    and without usual sizes of the category, the size is left wide.
     """
     sources = [str(i) for i in range(len(extents))] if sources is None else sources
     diagonals = np.array([np.linalg.norm(extent) for extent in extents])
@@ -59,8 +61,10 @@ def size_statistics(
     kept = [source for source, is_good in zip(sources, good, strict=True) if is_good]
     logs, weights = np.log(diagonals[good]), source_weights(kept)
     known = USUAL.get(category)
-    if known is None and len(logs) < 3:
-        return 1.0, 0.5, "unknown: too few metric meshes; a wide guess"
+    if known is None and not len(logs):
+        return 1.0, _WIDE_SIGMA, "unknown: no metric meshes; a wide guess"
+    if known is None and len(logs) < _FEW:
+        return float(np.exp(logs.mean())), _WIDE_SIGMA, f"of {len(logs)} metric meshes alone; a wide guess"
     usual, sigma, count = (np.log(known[0]), known[1], _MOST) if known else (0.0, 0.0, 0.0)
     total = count + weights.sum()
     mean = (count * usual + weights @ logs) / total

@@ -24,3 +24,12 @@ def test_size_statistics() -> None:
     assert size_statistics("lamp", [(0.3, 0.3, 1.5)] * 4)[1] == LEAST_SIGMA
     # a model car of half a metre says nothing about cars
     assert size_statistics("car", [(0.2, 0.2, 0.4)])[:2] == pytest.approx(USUAL["car"])
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_few_metric_meshes_say_about_how_large_objects_are(count: int) -> None:
+    """Of a mug of 16 cm the next one is no metre large, as of a category of which nothing is known."""
+    mean, sigma, words = size_statistics("mug", [(0.08, 0.11, 0.08)] * count)
+    assert mean == pytest.approx(np.linalg.norm([0.08, 0.11, 0.08]))
+    assert sigma == size_statistics("mug", [])[1]
+    assert f"{count} metric" in words
