@@ -1,5 +1,6 @@
 """How large objects of a category are: the bounding box's diagonal in metres."""
 
+import logging
 from collections import Counter
 from collections.abc import Sequence
 
@@ -7,6 +8,8 @@ import numpy as np
 from jaxtyping import Float
 
 from objgraph.priors.categories import category_of
+
+log = logging.getLogger(__name__)
 
 USUAL = {
     "chair": (1.17, 0.20),
@@ -58,6 +61,11 @@ def size_statistics(
     category = category_of(category)  # a couch is as large as a sofa
     low, high = _PLAUSIBLE.get(category, _PLAUSIBLE_ANYTHING)
     good = (diagonals > low) & (diagonals < high)
+    if not good.all():
+        log.warning(
+            "%s: %d of %d meshes have sizes beyond %g to %g m and say nothing of how large objects are; are these metres?",
+            category, np.sum(~good), len(good), low, high,
+        )  # fmt: skip
     kept = [source for source, is_good in zip(sources, good, strict=True) if is_good]
     logs, weights = np.log(diagonals[good]), source_weights(kept)
     known = USUAL.get(category)

@@ -33,3 +33,13 @@ def test_few_metric_meshes_say_about_how_large_objects_are(count: int) -> None:
     assert mean == pytest.approx(np.linalg.norm([0.08, 0.11, 0.08]))
     assert sigma == size_statistics("mug", [])[1]
     assert f"{count} metric" in words
+
+
+def test_sizes_that_are_no_metres_are_told(caplog: pytest.LogCaptureFixture) -> None:
+    """Chairs in millimetres were left aside without a word."""
+    millimetres = [(450.0, 850.0, 500.0)] * 2
+    assert size_statistics("chair", [*millimetres, (0.45, 0.85, 0.5)]) == size_statistics(
+        "chair", [(0.45, 0.85, 0.5)]
+    )
+    (record,) = caplog.records
+    assert "chair: 2 of 3 meshes have sizes beyond 0.4 to 4 m" in record.getMessage()
