@@ -90,15 +90,16 @@ def _mesh(folder: Path, entry: dict[str, Any]) -> CadMesh:
 
 
 def _unlisted(folder: Path, category: str) -> list[CadMesh]:
-    """Mesh files of a folder without an index, each a group of its own, its folder the source."""
+    """Mesh files of a folder without an index, equal ones a group, by the first one's name, their folders the sources."""
     files = list_meshes(folder, category)
     if not files:
         raise PriorError(f"{folder} holds neither an index.json nor a mesh ({', '.join(SUFFIXES)})")
+    first: dict[bytes, str] = {}
     return [
         CadMesh(
             folder,
             file,
-            group=file,
+            group=first.setdefault(_content(folder / file), file),
             licence="unknown",
             attribution="unknown",
             source=str(Path(file).parent),
@@ -106,6 +107,14 @@ def _unlisted(folder: Path, category: str) -> list[CadMesh]:
         )
         for file in files
     ]
+
+
+def _content(path: Path) -> bytes:
+    """What tells a file from others that are not equal to it; of one that cannot be read its name."""
+    try:
+        return hashlib.sha256(path.read_bytes()).digest()
+    except OSError:
+        return str(path).encode()
 
 
 def heldout_groups(meshes: Sequence[CadMesh], share: float) -> set[str]:

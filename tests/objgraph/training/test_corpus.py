@@ -51,6 +51,18 @@ def test_every_source_holds_out_its_share_by_whole_groups(
     assert heldout_groups(entries, 0.0) == set()
 
 
+def test_equal_files_of_a_folder_without_an_index_are_held_out_together(tmp_path: Path) -> None:
+    """Else a mesh is trained on under one name and under another one measures what the prior makes of unseen ones."""
+    for i in range(10):
+        box = trimesh.creation.box((1.0, 1.0, 1.0 + i // 2))
+        box.export(tmp_path / f"{'ab'[i % 2]}{i // 2}.ply")
+    entries = read_index(tmp_path, "lamp")
+    held = heldout_groups(entries, 0.2)
+    assert {entry.file for entry in entries if entry.group in held} in [
+        {f"a{i}.ply", f"b{i}.ply"} for i in range(5)
+    ]
+
+
 def test_what_an_index_holds_out_is_held_out_with_its_group_and_fills_the_share() -> None:
     entries = collected({"shop": list("aabbccddee")})
     drawn = heldout_groups(entries, 0.2)
