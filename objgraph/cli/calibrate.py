@@ -8,8 +8,9 @@ import tyro
 from rich.console import Console
 from rich.table import Table
 
+from factors import checks
 from objgraph.bench.comparison.objects.judged import graph_rows, judged
-from objgraph.errors import EvaluationError
+from objgraph.errors import ConfigError, EvaluationError
 from objgraph.trust.calibration import Calibration, load_calibration
 from objgraph.trust.fit import fit
 from objgraph.version import program_version
@@ -30,6 +31,10 @@ class CalibrateCommand:
     """An earlier calibration: what it knows of categories that the runs lack stays."""
     seed: int = 0
     """Of the folds by which held-out figures are made."""
+
+    def __post_init__(self) -> None:
+        """Raises ConfigError where the seed is no whole number of at least 0."""
+        checks.settings(self, ConfigError)
 
 
 def run_calibrate(command: CalibrateCommand, console: Console) -> Calibration:

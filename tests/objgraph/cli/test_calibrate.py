@@ -126,6 +126,14 @@ def test_rows_that_cannot_be_used_are_told(tmp_path, capsys, changes, message):
     assert not (tmp_path / "c.json").exists()
 
 
+def test_a_seed_that_is_none_is_told_before_the_fit(tmp_path, capsys):
+    run = written(tmp_path / "run", rows())
+    with pytest.raises(SystemExit) as ended:
+        main(["calibrate", str(run), "--out", str(tmp_path / "c.json"), "--seed", "-1"])
+    assert ended.value.code == 2
+    assert "seed must be at least 0" in " ".join(capsys.readouterr().err.split())
+
+
 def test_folders_and_priors_that_do_not_fit_are_told(tmp_path, capsys):
     one = written(tmp_path / "one", rows(60))
     other = written(tmp_path / "other", rows(60, prior="other"))
