@@ -95,7 +95,7 @@ def code_statistics(
 ) -> tuple[Float[np.ndarray, "l"], Float[np.ndarray, "l l"]]:
     """Mean and covariance of the training codes, in float64; with a ridge that keeps it regular."""
     codes = codes.astype(np.float64)
-    covariance = np.cov(codes, rowvar=False)
+    covariance = np.atleast_2d(np.cov(codes, rowvar=False))  # of one number it has no axes
     ridge = 1e-3 * np.trace(covariance) / codes.shape[1]
     return codes.mean(0), covariance + ridge * np.eye(codes.shape[1])
 

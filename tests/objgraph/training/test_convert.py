@@ -15,6 +15,7 @@ from torch.nn.utils import parametrizations
 from objgraph.errors import PriorError
 from objgraph.priors.mesh import extract_mesh
 from objgraph.priors.registry import load_prior
+from objgraph.training.codes.fit import code_statistics
 from objgraph.training.convert import ConvertConfig, convert, convert_command
 from objgraph.training.deepsdf_files import load_experiment
 
@@ -180,6 +181,16 @@ class Trap:
 
     def __reduce__(self):
         return os.mkdir, (str(self.mark),)
+
+
+@pytest.mark.parametrize("length", [1, 2, 5])
+def test_statistics_are_of_codes_of_any_length(length):
+    codes = np.random.default_rng(0).normal(size=(50, length))
+    mean, covariance = code_statistics(codes)
+    np.testing.assert_allclose(mean, codes.mean(axis=0))
+    assert covariance.shape == (length, length)
+    ridge = 1e-3 * codes.var(axis=0, ddof=1).mean()
+    np.testing.assert_allclose(np.diag(covariance), codes.var(axis=0, ddof=1) + ridge)
 
 
 @pytest.mark.parametrize("place", ["ModelParameters", "LatentCodes"])
