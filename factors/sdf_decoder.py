@@ -1,7 +1,7 @@
 """What every shape decoder offers: the signed distance of canonical points under a shape code, and its derivatives."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any, NamedTuple
 
 import torch
@@ -77,7 +77,9 @@ class SdfDecoder(nn.Module, ABC):
             FactorError: the codes are of another length, or several are given without an owner.
         """
         self._check(codes, owner)
-        entered = self._enter(codes)
+        if owner is not None and (order := _grouping(owner)) is not None:
+            return self(points[order], codes, owner[order])[order.argsort()]
+        entered = _each_alone(self._enter, codes)
         at_once = len(points) if torch.is_grad_enabled() else _IN_CACHE
         parts = [self._network(p, _owned(entered, o))[:n] for n, p, o in _pieces(points, owner, at_once)]
         return parts[0] if len(parts) == 1 else torch.cat(parts)
@@ -103,8 +105,12 @@ class SdfDecoder(nn.Module, ABC):
         eq:jacobian_code and the first half of eq:jacobian_pose).
         """
         self._check(codes, owner)
+        if owner is not None and (order := _grouping(owner)) is not None:
+            jet = self.linearize(points[order], codes, owner[order])
+            return SdfJet(*(part[order.argsort()] for part in jet))
         with torch.no_grad():
-            entered, d_entered = self._enter(codes.detach()), self._d_enter(codes.detach())
+            entered = _each_alone(self._enter, codes.detach())
+            d_entered = _each_alone(self._d_enter, codes.detach())
             to_code = {layer: each.transpose(1, 2).contiguous() for layer, each in d_entered.items()}
             parts = []
             for n, p, o in _pieces(points, owner, _IN_CACHE):
@@ -146,6 +152,21 @@ class SdfDecoder(nn.Module, ABC):
             raise FactorError(f"{len(codes)} codes were given: `owner` must say whose each point is")
 
 
+def _each_alone(
+    of: Callable[[Float[Tensor, "b l"]], dict[str, Shaped[Tensor, "b ..."]]], codes: Float[Tensor, "b l"]
+) -> dict[str, Shaped[Tensor, "b ..."]]:
+    """`of` each code, on a CPU to the bit what it gives of that one alone: products round by how many rows they have."""
+    if codes.is_cuda or len(codes) == 1:
+        return of(codes)
+    rows = [of(code[None]) for code in codes]
+    return {layer: torch.cat([row[layer] for row in rows]) for layer in rows[0]}
+
+
+def _grouping(owner: Int[Tensor, "n"]) -> Int[Tensor, "n"] | None:
+    """The order in which each shape's points follow each other; None where they do, or no CPU decodes them."""
+    return None if owner.is_cuda or bool((owner.diff() >= 0).all()) else owner.argsort(stable=True)
+
+
 def _pieces(
     points: Float[Tensor, "n 3"], owner: Int[Tensor, "n"] | None, at_once: int
 ) -> Iterator[tuple[int, Float[Tensor, "m 3"], "Int[Tensor, 'm'] | int | None"]]:
@@ -153,16 +174,15 @@ def _pieces(
     if points.is_cuda:
         yield len(points), points, owner
         return
-    runs = [(len(points), None)]
+    runs = [(len(points), None if owner is None else 0)]
     if owner is not None and len(points):
         owners, counts = owner.unique_consecutive(return_counts=True)
-        if len(points) >= _ROWS * len(owners):
-            runs, owner = [*zip(counts.tolist(), owners.tolist(), strict=True)], None
+        runs = [*zip(counts.tolist(), owners.tolist(), strict=True)]
     start = 0
     for count, whose in runs:
         for i in range(start, start + max(count, 1), max(at_once, 1)):
             piece = points[i : min(i + at_once, start + count)]
-            yield len(piece), _padded(piece), whose if owner is None else _padded(owner[i : i + at_once])
+            yield len(piece), _padded(piece), whose
         start += count
 
 
