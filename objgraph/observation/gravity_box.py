@@ -48,6 +48,6 @@ def smallest_heading(points_world: Float[np.ndarray, "n 3"], up_world: Float[np.
     level = points_world @ upright_axes(up_world, 0.0)[:, [0, 2]]
     low, high = np.percentile(level, [1, 99], axis=0)
     inside = level[((level >= low) & (level <= high)).all(axis=1)]
-    inside = inside - np.round(low, -3)  # OpenCV's are single precision: kilometres off they have no angles
+    inside = inside - low  # OpenCV's are single precision: far off they have no angles
     # minAreaRect turns from x towards z; a positive heading turns x towards -z
     return -np.radians(cv2.minAreaRect(inside.astype(np.float32))[2])

@@ -73,13 +73,13 @@ def of_one_object(
         return np.zeros(0, dtype=bool)
     keys, inverse = np.unique(voxel_keys(points, cell), return_inverse=True)
     cells = voxel_indices(keys)
-    tree = cKDTree(cells * cell)
-    pairs = tree.query_pairs(2.0 * cell, output_type="ndarray")
+    # in cells: metres of equal distances differ by rounding, and with them what hangs together
+    pairs = cKDTree(cells).query_pairs(2.0, output_type="ndarray")
     links = coo_matrix((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(cells),) * 2)
     _, part = connected_components(links, directed=False)
     size = np.bincount(part[inverse], minlength=part.max() + 1)
     large = (size >= min(share * len(points), size.max()))[part]
-    near = cKDTree(cells[large] * cell).query(cells * cell)[0] <= gap
+    near = cKDTree(cells[large]).query(cells)[0] <= gap / cell + 1e-6
     whole = np.bincount(part, weights=near, minlength=len(size)) > 0.5 * np.bincount(
         part, minlength=len(size)
     )

@@ -206,7 +206,7 @@ def observe(frame: Frame, instance: int, config: SamplingConfig | None = None, s
     at = np.concatenate([z[hits], nearest(depth, on_object)[free_v, free_u]])
     behind = nearest(depth, ~mask)[v[hits], u[hits]]
     end = np.concatenate([behind, depth[free_v, free_u]])
-    pixel = config.mask_sigma * at / frame.intrinsics.fx
+    pixel = config.mask_sigma * at / np.sqrt(frame.intrinsics.fx * frame.intrinsics.fy)
     rays = Rays(directions, at, hit, end, np.hypot(config.noise(at), pixel))
     return ObjectView(
         frame.name,

@@ -140,11 +140,11 @@ def _beside(
     config: LidarSamplingConfig,
 ) -> Bool[np.ndarray, "n"]:
     """Returns whose rays pass near the object's own, and end behind where these do."""
-    directions = p_lidar[:, :2] / p_lidar[:, 2:]
-    depth = np.median(p_lidar[own, 2])
+    distance = np.linalg.norm(p_lidar, axis=1)
+    directions = p_lidar / distance[:, None]
     gap, nearest = cKDTree(directions[own]).query(directions)
-    behind = p_lidar[:, 2] > p_lidar[own, 2][nearest]
-    return ~own & ~unclear & behind & (gap * depth < config.beside)
+    behind = distance > distance[own][nearest]
+    return ~own & ~unclear & behind & (gap * np.median(distance[own]) < config.beside)
 
 
 def _rays(

@@ -89,6 +89,27 @@ def test_what_is_before_a_car_says_nothing_and_what_is_behind_is_free():
     assert (view.rays.end[free] == 20.0).all()
 
 
+@settings(max_examples=20, deadline=None)
+@given(st.floats(-1.2, 1.2))
+def test_free_rays_are_the_same_wherever_ahead_a_car_is(angle):
+    turn = np.array([[np.cos(angle), 0, np.sin(angle)], [0, 1, 0], [-np.sin(angle), 0, np.cos(angle)]])
+    p_ahead = np.concatenate([wall(10.0), wall(20.0, (-6, -1.2), (6, 1.2), 0.23)])
+    car = detection_at(0, 0, 12)
+    T = np.eye(4)
+    T[:3, :3] = turn
+    turned = replace(car, T_world_object=T @ car.T_world_object)
+    config = LidarSamplingConfig(free=10_000)
+    ends = []
+    for frame, detection in ((scan(p_ahead, car), car), (scan(p_ahead @ turn.T, turned), turned)):
+        rays = observe_lidar(frame, detection, config=config).rays
+        ends.append((rays.directions_camera * rays.end[:, None])[~rays.hit])
+    back = ends[1] @ turn
+    assert len(back) == len(ends[0]) > 50
+    np.testing.assert_allclose(
+        back[np.lexsort(back.round(3).T)], ends[0][np.lexsort(ends[0].round(3).T)], atol=1e-6
+    )
+
+
 def test_neighbours_keep_their_own_returns():
     car, other = detection_at(0, 0, 12), detection_at(2.2, 0, 12, number=2)
     own, others = wall(10.2), wall(10.2) + [2.2, 0, 0]

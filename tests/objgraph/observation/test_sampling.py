@@ -198,6 +198,10 @@ def test_sigmas_are_the_sensor_s_and_the_outline_s():
     sensor = 0.01 + 0.002 * BOX**2
     np.testing.assert_allclose(view.points_sigma, sensor)
     np.testing.assert_allclose(view.rays.sigma, np.hypot(sensor, 2.0 * BOX / CAMERA.fx))
+    oblong = replace(
+        CAMERA, fx=CAMERA.fx * 4, fy=CAMERA.fy / 4
+    )  # rolled by a quarter turn it would be the other way round
+    np.testing.assert_allclose(observe(flat_frame(intrinsics=oblong), 7, config).rays.sigma, view.rays.sigma)
 
 
 def test_the_counts_of_the_configuration_are_kept():
