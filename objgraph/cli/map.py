@@ -131,6 +131,10 @@ def run_map(command: MapCommand, console: Console) -> ObjectMap:
     return object_map
 
 
+class NothingToMapError(DatasetError):
+    """A scan has no object, or none of the categories that are asked for."""
+
+
 def jobs_of(command: MapCommand) -> int:
     """How many processes."""
     return min(torch.get_num_threads(), _MOST_JOBS) if command.jobs is None else command.jobs
@@ -182,7 +186,7 @@ def load_frame_of(source: Source) -> LidarFrame:
         others = tuple(each for each in frame.detections if category_of(each.category) not in wanted)
         frame = replace(frame, detections=kept, others=(*frame.others, *others))
     if not frame.detections:
-        raise DatasetError(f"frame {frame.name}: nothing is detected that could be mapped")
+        raise NothingToMapError(f"frame {frame.name}: nothing is detected that could be mapped")
     return frame
 
 
@@ -204,7 +208,9 @@ def _limited(scan: Scan, categories: tuple[str, ...]) -> Scan:
     kept = tuple(instance for instance in scan.instances if category_of(instance.category) in wanted)
     if not kept:
         known = ", ".join(sorted({instance.category for instance in scan.instances})) or "none"
-        raise DatasetError(f"{scan.name} has no object of {', '.join(categories)}; its categories: {known}")
+        raise NothingToMapError(
+            f"{scan.name} has no object of {', '.join(categories)}; its categories: {known}"
+        )
     return replace(scan, instances=kept)
 
 

@@ -12,7 +12,7 @@ from pathlib import Path
 from rich.console import Console
 
 from factors import checks
-from objgraph.cli.map import PICTURE, MapCommand, jobs_of, run_map, run_of
+from objgraph.cli.map import PICTURE, MapCommand, NothingToMapError, jobs_of, run_map, run_of
 from objgraph.cli.progress import progress
 from objgraph.cli.run_config import CONFIG, LIDAR_DATASETS, MapRun, root_of
 from objgraph.datasets.registry import lidar_frames, scenes
@@ -39,10 +39,11 @@ class _Done:
 
 
 def run_map_scenes(command: MapCommand, console: Console) -> None:
-    """Map every scan of `command.scenes` that has no page yet; one that fails stops no other.
+    """Map every scan of `command.scenes` that has no page yet; one that fails, or has nothing to be mapped, stops no other.
 
     Raises:
-        DatasetError: the scans cannot be listed, a name is none that a folder can have, or a trajectory is given.
+        DatasetError: the scans cannot be listed, a name is none that a folder can have, or a trajectory is given; or none has
+            anything to be mapped.
         MapError: some scans failed, which are named; or a folder holds a map that other settings made.
         ProcessError: there is no Ray cluster.
     """
@@ -53,26 +54,32 @@ def run_map_scenes(command: MapCommand, console: Console) -> None:
         partial(_mapped, replace(command, scene=name, scenes=None, out=command.out / name)) for name in left
     ]
     failed: list[str] = []
+    empty: list[str] = []
     with progress(console) as tell:
         tell("mapping scans", len(names) - len(left), len(names))
         found = spread(works, Workers(min(jobs, len(left)), command.engine)) if left else ()
         for count, (place, result) in enumerate(found, len(names) - len(left) + 1):
             if isinstance(result, _Done):
                 said = f"{result.mapped} of {result.objects} objects in {result.seconds:.0f} s"
+            elif isinstance(result, NothingToMapError):
+                empty.append(left[place])
+                said = f"left out: {result}"
             else:
                 failed.append(left[place])
                 said = f"failed: {result}"
             console.print(f"{left[place]}: {said}", markup=False, highlight=False, soft_wrap=True)
             tell("mapping scans", count, len(names))
+    mapped = len(names) - len(failed) - len(empty)
+    nothing = f", {len(empty)} have nothing to be mapped" if empty else ""
     console.print(
-        f"{len(names) - len(failed)} of {len(names)} scans are mapped in {command.out}",
-        markup=False,
-        soft_wrap=True,
+        f"{mapped} of {len(names)} scans are mapped in {command.out}{nothing}", markup=False, soft_wrap=True
     )
     if failed:
         raise MapError(
             f"{len(failed)} of {len(names)} scans failed: {', '.join(failed)}; the same command tries them again"
         )
+    if not mapped:
+        raise NothingToMapError(f"--scenes {command.scenes}: no scan has anything to be mapped")
 
 
 def _names(command: MapCommand, run: MapRun) -> Sequence[str]:

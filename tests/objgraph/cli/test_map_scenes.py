@@ -153,6 +153,22 @@ def test_a_scan_of_a_lidar_that_is_a_link_goes_on_and_is_found_again(tmp_path, c
     assert "no points" not in caplog.text
 
 
+@pytest.mark.parametrize("boxes", [1, 0])
+def test_a_scan_with_nothing_to_be_mapped_is_no_failure(boxes, tmp_path, capsys):
+    root, out = tmp_path / "scans", tmp_path / "maps"
+    box = {"category": "car", "centre": [20, 5, 0], "size": [4, 2, 1.5], "yaw": 0.1}
+    for name, found in (("a", [box] * boxes), ("b", [])):
+        (root / name).mkdir(parents=True)
+        np.ones((50, 4), np.float32).tofile(root / name / "points.bin")
+        (root / name / "detections.json").write_text(json.dumps({"boxes": found}))
+    every = ["map", "--dataset", "lidar", "--root", str(root), "--scenes", "all", "--jobs", "1"]
+    assert main([*every, "--out", str(out)]) == (0 if boxes else 1)  # of a wrong category, all say so
+    said = capsys.readouterr()
+    assert "b: left out: frame b: nothing is detected" in said.out
+    assert f"{boxes} of 2 scans are mapped in {out}, {2 - boxes} have nothing to be mapped" in said.out
+    assert ("no scan has anything to be mapped" in said.err) == (not boxes)
+
+
 def test_pictures_of_an_earlier_map_do_not_stay_beside_a_new_one(scans, tmp_path):
     for name in ("map.png", "report.html", "evaluation.json"):
         (tmp_path / name).write_bytes(b"of an earlier map")
