@@ -13,7 +13,7 @@ from objgraph.maps.mapped_object import MappedObject
 from objgraph.maps.object_map import ObjectMap
 from objgraph.priors.mesh import RESOLUTION
 from objgraph.trust.calibration import Calibration, shipped_calibration
-from objgraph.trust.judge import Handle, Objects, estimate_in
+from objgraph.trust.judge import Handle, Objects, covariance_in, estimate_in
 
 
 class ObjectsInGraph(Objects, Protocol):
@@ -69,7 +69,7 @@ def _entry(
         ):  # nothing to judge: no first guess is asked
             state, turns = objects.state(handle), handle.other_headings
             turns = None if turns is None else turns.carried(state)
-            alone = Estimate.of_graph(state, objects.marginals(handle), turns)
+            alone = Estimate.of_graph(state, covariance_in(objects, handle), turns)
             return replace(map_entry(instance, prior, alone, views, resolution), estimator="graph")
         task, estimate = estimate_in(objects, handle)
         entry = map_entry(instance, prior, estimate, views, resolution)

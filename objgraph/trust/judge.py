@@ -10,12 +10,15 @@ from factors import checks
 from factors.state import ObjectState
 from objgraph.covariance.box import BoxPose, box_pose
 from objgraph.covariance.heading_modes import HeadingModes
+from objgraph.covariance.heading_ring import HEADINGS, with_other_headings
 from objgraph.covariance.labelled import ObjectCovariance
-from objgraph.errors import CovarianceError, InitialisationError
+from objgraph.errors import CovarianceError, InitialisationError, ObjectGraphError
 from objgraph.estimate.task import Estimate, EstimationTask
 from objgraph.graph.builder import ObjectBuilder
+from objgraph.graph.headings import SAMPLES
 from objgraph.graph.initialise import FirstStates, first_states
-from objgraph.observation.sampling import ObjectView
+from objgraph.graph.solve import SolverConfig
+from objgraph.observation.sampling import ObjectView, thinned
 from objgraph.priors.mesh import extract_mesh
 from objgraph.priors.shape_prior import ShapePrior
 from objgraph.trust.calibration import Calibration, shipped_calibration
@@ -93,7 +96,25 @@ def estimate_in(objects: Objects, handle: Handle) -> tuple[EstimationTask, Estim
     task = EstimationTask(
         handle.name, prior, first.states, tuple(views), builder.up_world, builder.floor, chances=first.chances
     )
-    return task, Estimate.of_graph(state, objects.marginals(handle), turns)
+    return task, Estimate.of_graph(state, covariance_in(objects, handle), turns)
+
+
+def covariance_in(objects: Objects, handle: Handle) -> ObjectCovariance:
+    """The graph's marginals of an object, wider where its views leave other headings about as likely, as a map's are.
+
+    Raises:
+        SolveError: the graph leaves the object undetermined.
+    """
+
+    def costs() -> Float[np.ndarray, "24"]:
+        some = thinned(objects.views(handle), SAMPLES, SAMPLES)
+        try:
+            alone = objects.builder.alone(handle.prior, objects.state(handle), some)
+        except ObjectGraphError:  # it leans too far to have another heading
+            return np.where(np.arange(HEADINGS) > 0, np.inf, 0.0)
+        return alone.heading_costs(SolverConfig().slopes[-1])
+
+    return with_other_headings(objects.marginals(handle), costs)
 
 
 def judge_estimate(

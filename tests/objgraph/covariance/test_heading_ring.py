@@ -13,8 +13,10 @@ from objgraph.covariance.labelled import ObjectCovariance
 from objgraph.errors import CovarianceError
 from objgraph.estimate.graph import GraphEstimator
 from objgraph.estimate.task import EstimationTask
+from objgraph.graph.object_graph import ObjectGraph
 from objgraph.graph.solve import SolverConfig
-from objgraph.observation.sampling import observe
+from objgraph.maps.of_graph import map_of
+from objgraph.observation.sampling import ObjectView, observe
 from objgraph.priors.fallback import fallback_prior
 from objgraph.priors.shape_prior import ShapePrior
 from tests.toys import look_at, toy_mesh, toy_picture, toy_prior, toy_state
@@ -75,21 +77,48 @@ def stool(_) -> trimesh.Trimesh:
     return mesh.apply_transform(trimesh.transformations.rotation_matrix(-np.pi / 2, [1, 0, 0]))
 
 
-def estimated(prior: ShapePrior, state: ObjectState, mesh_of) -> ObjectCovariance:
-    """From three views, starting at `state`."""
+def seen(prior: ShapePrior, state: ObjectState, mesh_of) -> tuple[list[ObjectView], ObjectState]:
+    """Three views, and a start near `state`."""
     centre, views = np.array([*state.T_world_object.translation()[:2], 0.25]), []
     for i, angle in enumerate((0.3, 1.5, 2.6)):
         T = look_at(centre + 1.8 * np.array([np.cos(angle), np.sin(angle), 0.45]), centre)
         views.append(observe(toy_picture([state], T, str(i), 0.003, i, 4.0, mesh_of), 1, seed=i))
     size = np.array([0.34, 0.45, 0.34]) / 0.577 if prior.is_fallback else state.scale
     place = gtsam.Pose3(state.T_world_object.rotation(), np.array([*centre[:2], 0.23]))
-    start = ObjectState(place, np.log(size), prior.code_mean) if prior.is_fallback else state
+    return views, ObjectState(place, np.log(size), prior.code_mean) if prior.is_fallback else state
+
+
+def estimated(prior: ShapePrior, state: ObjectState, mesh_of) -> ObjectCovariance:
+    views, start = seen(prior, state, mesh_of)
     (found,) = GraphEstimator(solver=SolverConfig(rounds=4)).estimate(
         [EstimationTask("it", prior, (start,), tuple(views), UP, 0.0)]
     )
     assert not isinstance(found, Exception)
     assert found.covariance is not None
     return found.covariance
+
+
+@pytest.mark.parametrize("leans", [False, True])
+def test_a_stool_in_a_graph_has_no_heading_either(leans):
+    """Its marginals are one Gaussian's; its map's are as `objgraph map` has them, where it stands upright."""
+    upright, prior = gtsam.Pose3(gtsam.Rot3.Rx(np.pi / 2), np.array([0.3, 0.2, 0.0])), fallback_prior("stool")
+    views, start = seen(prior, ObjectState(upright, np.zeros(3), np.zeros(4)), stool)
+    objects = ObjectGraph(gtsam.NonlinearFactorGraph(), gtsam.Values(), up_world=UP, floor=0.0)
+    it = objects.add_object(prior, start)
+    for view in views:
+        objects.observe(it, view, view.T_world_camera)
+    objects.optimize(SolverConfig(rounds=4))
+    if leans:
+        place = objects.state(it).T_world_object
+        lean = gtsam.Pose3(gtsam.Rot3.Rz(np.radians(80)), np.zeros(3))
+        objects.values.update(it.keys.pose, place.compose(lean))
+        objects.refresh()
+    (entry,) = map_of(objects, resolution=24).objects
+    if leans:
+        np.testing.assert_allclose(entry.uncertainty.matrix[1, 1], objects.marginals(it).matrix[1, 1])
+        return
+    assert np.degrees(objects.marginals(it).sigma[1]) < 45
+    assert np.degrees(np.sqrt(entry.uncertainty.matrix[1, 1])) > 60
 
 
 def test_a_stool_has_no_heading_and_a_chair_has():
