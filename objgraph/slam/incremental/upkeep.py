@@ -8,7 +8,8 @@ import numpy as np
 
 from factors.linearized import carried_along
 from factors.state import ObjectKeys, ObjectState
-from objgraph.errors import ObjectGraphError, SolveError
+from objgraph.errors import SolveError
+from objgraph.graph.solve import FAILURES
 from objgraph.slam.incremental.alone import Alone, is_turned
 from objgraph.slam.incremental.config import Tolerance
 from objgraph.slam.incremental.system import IncrementalSystem
@@ -27,8 +28,8 @@ class Upkeep:
     def renew(self, entries: Sequence[TrackedObject], tolerance: Tolerance, limit: int | None = None) -> int:
         """Linearise anew the observations that are farthest from where they were linearised; how many they were.
 
-        Those that only went along with a loop that was closed are carried along, without decoding. Raises ObjectGraphError, and
-        has then linearised none anew.
+        Those that only went along with a loop that was closed are carried along, without decoding. Raises what a decoder or the
+        smoother does, and has then linearised none anew.
         """
         stale: list[tuple[float, TrackedObject, Observation]] = []
         travelled: list[tuple[Observation, gtsam.Values]] = []
@@ -86,7 +87,7 @@ class Upkeep:
         try:
             quadratics = linearize(observations, values, self._system.slope)
             self._system.replace(observations, quadratics, values)
-        except ObjectGraphError:
+        except FAILURES:
             self._system.take_back(observations, before)
             raise
 

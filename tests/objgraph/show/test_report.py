@@ -5,7 +5,9 @@ import json
 import re
 import shutil
 import subprocess
+from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import cv2
@@ -15,8 +17,9 @@ from scipy.stats import chi2
 
 from objgraph.cli.main import main
 from objgraph.errors import MapError
+from objgraph.maps.mapped_object import MappedObject
 from objgraph.maps.object_map import ObjectMap
-from objgraph.observation.frames import ListedFrames
+from objgraph.observation.frames import Frame, ListedFrames
 from objgraph.show import raster
 from objgraph.show.placement import LEAST, LEVEL
 from objgraph.show.report import REPORT, object_pictures, write_report
@@ -172,14 +175,18 @@ def test_names_cannot_end_the_script_and_nothing_is_fetched(tmp_path):
     assert not re.search(r"""(?:src|href)=["']?https?:""", text)
 
 
-def test_views_are_cut_out_with_both_outlines():
+def seen_twice() -> tuple[list[Frame], Callable[..., MappedObject]]:
+    """Two frames of a chair, and what makes its entry of a map."""
     state = toy_state()
     mesh = toy_mesh(state.code)
     frames = [toy_frame([state], azimuth, f"f{i}") for i, azimuth in enumerate((0.5, 1.5))]
-    entry = mapped(
-        1, vertices=state.to_world(np.asarray(mesh.vertices)), faces=np.asarray(mesh.faces), vertex_sigma=None,
-        views=("f1", "gone"), cameras=np.stack([frames[1].T_world_camera] * 2),
-    )  # fmt: skip
+    vertices, faces = state.to_world(np.asarray(mesh.vertices)), np.asarray(mesh.faces)
+    return frames, partial(mapped, 1, vertices=vertices, faces=faces, vertex_sigma=None)
+
+
+def test_views_are_cut_out_with_both_outlines():
+    frames, entry_of = seen_twice()
+    entry = entry_of(views=("f1", "gone"), cameras=np.stack([frames[1].T_world_camera] * 2))
     ((shown,),) = object_pictures([entry], ListedFrames(frames)).values()
     assert shown.frame == "f1"
     assert shown.rgb.shape[1] == 360
@@ -207,13 +214,8 @@ def test_views_are_cut_out_with_both_outlines():
 
 
 def test_of_frames_with_one_name_the_one_that_was_looked_from_is_shown():
-    state = toy_state()
-    mesh = toy_mesh(state.code)
-    frames = [toy_frame([state], azimuth, f"f{i}") for i, azimuth in enumerate((0.5, 1.5))]
-    entry = mapped(
-        1, vertices=state.to_world(np.asarray(mesh.vertices)), faces=np.asarray(mesh.faces), vertex_sigma=None,
-        views=("f0", "f1"), cameras=np.stack([frame.T_world_camera for frame in frames]),
-    )  # fmt: skip
+    frames, entry_of = seen_twice()
+    entry = entry_of(views=("f0", "f1"), cameras=np.stack([frame.T_world_camera for frame in frames]))
     (named,) = object_pictures([entry], ListedFrames(frames)).values()
     alike = [replace(frame, name="f") for frame in frames]
     (found,) = object_pictures([replace(entry, views=("f", "f"))], ListedFrames(alike)).values()
